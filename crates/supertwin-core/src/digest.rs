@@ -1,0 +1,139 @@
+//! State hashes: the same trial and seed give the same number, whatever process, profile or machine ran it.
+
+use crate::{Observe, Probe, Signal, Tick};
+use xxhash_rust::xxh3::{xxh3_64, xxh3_64_with_seed};
+
+/// Room for what a block shows at one tick; more is folded in pieces.
+const CAPACITY: usize = 256;
+
+/// A listener that hashes what it hears: values in canonical form, in the order shown.
+///
+/// −0 counts as 0 and every NaN as one NaN. A label counts by its text. Where a signal was absent, its neighbours
+/// move up and the count tells the difference.
+pub struct DigestProbe {
+    words: [u64; CAPACITY],
+    len: usize,
+    folded: u64,
+}
+
+impl Default for DigestProbe {
+    fn default() -> Self {
+        Self { words: [0; CAPACITY], len: 0, folded: 0 }
+    }
+}
+
+impl core::fmt::Debug for DigestProbe {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.debug_struct("DigestProbe").field("len", &self.len).field("folded", &self.folded).finish_non_exhaustive()
+    }
+}
+
+impl DigestProbe {
+    /// The hash of everything heard since the last call, and a clean slate.
+    pub fn take(&mut self) -> u64 {
+        self.fold();
+        core::mem::take(&mut self.folded)
+    }
+
+    fn fold(&mut self) {
+        let mut bytes = [0u8; CAPACITY * 8];
+        for (chunk, word) in bytes.as_chunks_mut::<8>().0.iter_mut().zip(&self.words[..self.len]) {
+            *chunk = word.to_le_bytes();
+        }
+        self.folded = xxh3_64_with_seed(&bytes[..self.len * 8], self.folded);
+        self.len = 0;
+    }
+
+    #[inline]
+    fn push(&mut self, word: u64) {
+        if self.len == CAPACITY {
+            self.fold();
+        }
+        self.words[self.len] = word;
+        self.len += 1;
+    }
+}
+
+/// −0 and NaN in one form each.
+#[inline]
+fn canonical(x: f64) -> u64 {
+    if x.is_nan() { f64::NAN.to_bits() & !(1 << 63) } else { (x + 0.0).to_bits() }
+}
+
+impl Probe for DigestProbe {
+    #[inline]
+    fn vector(&mut self, _: &'static Signal, values: &[f64]) {
+        for x in values {
+            self.push(canonical(*x));
+        }
+    }
+    fn label(&mut self, _: &'static Signal, value: &'static str) {
+        self.push(xxh3_64(value.as_bytes()));
+    }
+}
+
+/// Hash of one block's states and output at one tick.
+pub fn block_digest(probe: &mut DigestProbe, block: &impl Observe, output: &impl Observe) -> u64 {
+    block.observe(probe);
+    output.observe(probe);
+    probe.take()
+}
+
+/// Hash of a run, tick by tick: each tick's block hashes are folded into what came before.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct RunDigest(u64);
+
+impl RunDigest {
+    /// Folds the hashes of plant, estimator, guidance and controller at `tick` in; returns that tick's own hash.
+    pub fn fold(&mut self, tick: Tick, blocks: [u64; 4]) -> u64 {
+        let mut bytes = [0u8; 32];
+        for (chunk, word) in bytes.as_chunks_mut::<8>().0.iter_mut().zip(blocks) {
+            *chunk = word.to_le_bytes();
+        }
+        let of_tick = xxh3_64_with_seed(&bytes, tick.k);
+        self.0 = xxh3_64_with_seed(&of_tick.to_le_bytes(), self.0);
+        of_tick
+    }
+
+    /// The hash so far.
+    #[must_use]
+    pub fn value(self) -> u64 {
+        self.0
+    }
+}
+
+impl core::fmt::Display for RunDigest {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        write!(f, "{:016x}", self.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    static S: Signal = Signal { path: "test/x", components: &[], units: &["1"], about: "test" };
+
+    fn digest(values: &[f64]) -> u64 {
+        let mut probe = DigestProbe::default();
+        probe.vector(&S, values);
+        probe.take()
+    }
+
+    #[test]
+    fn canonical_forms_are_equal_and_values_are_not() {
+        assert_eq!(digest(&[0.0]), digest(&[-0.0]));
+        assert_eq!(digest(&[f64::NAN]), digest(&[-f64::NAN]));
+        assert_ne!(digest(&[1.0]), digest(&[1.0 + f64::EPSILON]));
+        assert_ne!(digest(&[1.0, 2.0]), digest(&[2.0, 1.0]));
+        assert_ne!(digest(&[0.0]), digest(&[0.0, 0.0]));
+    }
+
+    #[test]
+    fn more_than_the_capacity_is_folded_and_nothing_is_lost() {
+        let mut values = vec![1.0; 1000];
+        let before = digest(&values);
+        values[3] = 2.0;
+        assert_ne!(digest(&values), before);
+    }
+}

@@ -1,0 +1,31 @@
+//! The vocabulary of the twin: what every other crate may name, and nothing that does work of its own.
+//!
+//! * [`Block`]: a discrete-time system `x⁺, y = f(x, u)`; four of them form the ring.
+//! * [`message`]: the values on the wires, each type with the key it travels on.
+//! * [`Input`] and [`Prev`]: what a block is handed, with its age; the one legal unit delay.
+//! * [`Observe`], [`Probe`], [`Signal`]: a quantity shows itself once, and every listener hears it.
+//! * [`RunSink`]: where a run is written to, without naming a file format.
+//!
+//! Conventions: SI units, radians, seconds; frame {n} is North-East-Down, frame {b} is forward-starboard-down.
+
+pub mod axes;
+pub mod block;
+pub mod check;
+pub mod command;
+pub mod digest;
+pub mod frame;
+pub mod input;
+pub mod integrate;
+pub mod message;
+pub mod observe;
+pub mod random;
+pub mod run;
+pub mod tick;
+
+pub use axes::{Axes, BodyAcceleration, BodyVelocity, Wrench};
+pub use block::{Block, Refusal};
+pub use input::{Input, Prev};
+pub use message::Message;
+pub use observe::{Observe, Probe, Signal};
+pub use run::{Event, NoSink, Property, RunHeader, RunSink, SinkError};
+pub use tick::Tick;

@@ -1,0 +1,106 @@
+//! Being seen: a quantity shows itself once, and recordings, hashes, telemetry and tests listen to the same call.
+
+/// A named quantity. Its path is at once telemetry path, recording entity and dashboard content.
+///
+/// Declare signals as `static`: listeners may tell them apart by address.
+#[derive(Debug, PartialEq, Eq, Hash)]
+pub struct Signal {
+    /// `service/quantity`, without a leading slash.
+    pub path: &'static str,
+    /// Names of the components; empty for a scalar.
+    pub components: &'static [&'static str],
+    /// Unit of every component, or one unit for all of them.
+    pub units: &'static [&'static str],
+    /// What it is, in one line.
+    pub about: &'static str,
+}
+
+impl Signal {
+    /// Unit of component `i`.
+    #[must_use]
+    pub fn unit(&self, i: usize) -> &'static str {
+        self.units.get(i).or(self.units.last()).copied().unwrap_or("")
+    }
+}
+
+/// A listener.
+pub trait Probe {
+    /// A vector of numbers; signals that exist only now and then (a sonar ping) are shown only then.
+    fn vector(&mut self, signal: &'static Signal, values: &[f64]);
+
+    /// A state with a name, such as a mode.
+    fn label(&mut self, signal: &'static Signal, value: &'static str);
+
+    /// A single number.
+    fn scalar(&mut self, signal: &'static Signal, value: f64) {
+        self.vector(signal, &[value]);
+    }
+
+    /// Flags, shown as 0 and 1.
+    fn flags<const N: usize>(&mut self, signal: &'static Signal, values: [bool; N])
+    where
+        Self: Sized,
+    {
+        self.vector(signal, &values.map(|flag| if flag { 1.0 } else { 0.0 }));
+    }
+}
+
+/// Everything that shows itself.
+pub trait Observe {
+    /// Shows every state, in an order that does not depend on the values.
+    fn observe<P: Probe>(&self, probe: &mut P);
+}
+
+/// Two listeners at once.
+#[derive(Debug)]
+pub struct Both<'a, A, B>(pub &'a mut A, pub &'a mut B);
+
+impl<A: Probe, B: Probe> Probe for Both<'_, A, B> {
+    fn vector(&mut self, signal: &'static Signal, values: &[f64]) {
+        self.0.vector(signal, values);
+        self.1.vector(signal, values);
+    }
+    fn label(&mut self, signal: &'static Signal, value: &'static str) {
+        self.0.label(signal, value);
+        self.1.label(signal, value);
+    }
+}
+
+/// Keeps what it hears; for tests and tools.
+#[derive(Clone, Debug, Default)]
+pub struct Snapshot {
+    /// Path and values, in the order shown.
+    pub vectors: Vec<(&'static Signal, Vec<f64>)>,
+    /// Path and label, in the order shown.
+    pub labels: Vec<(&'static Signal, &'static str)>,
+}
+
+impl Snapshot {
+    /// What `subject` shows now.
+    pub fn of(subject: &impl Observe) -> Self {
+        let mut snapshot = Self::default();
+        subject.observe(&mut snapshot);
+        snapshot
+    }
+
+    /// The values at `path`.
+    #[must_use]
+    pub fn get(&self, path: &str) -> Option<&[f64]> {
+        self.vectors.iter().find(|(signal, _)| signal.path == path).map(|(_, values)| values.as_slice())
+    }
+
+    /// No value is NaN or infinite.
+    #[must_use]
+    pub fn is_finite(&self) -> bool {
+        self.vectors.iter().all(|(_, values)| values.iter().all(|x| x.is_finite()))
+    }
+}
+
+impl Probe for Snapshot {
+    fn vector(&mut self, signal: &'static Signal, values: &[f64]) {
+        self.vectors.push((signal, values.to_vec()));
+    }
+    fn label(&mut self, signal: &'static Signal, value: &'static str) {
+        self.labels.push((signal, value));
+    }
+}

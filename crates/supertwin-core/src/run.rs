@@ -1,0 +1,149 @@
+//! Where a run is written to: the trait between whoever produces a run and whoever keeps it.
+
+use crate::{Probe, Tick};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// One property of a run, such as its seed or a score.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Property {
+    /// A count, a seed.
+    Integer(u64),
+    /// A measure.
+    Number(f64),
+    /// A name, a hash, a whole configuration.
+    Text(String),
+}
+
+impl From<&str> for Property {
+    fn from(text: &str) -> Self {
+        Self::Text(text.to_owned())
+    }
+}
+impl From<String> for Property {
+    fn from(text: String) -> Self {
+        Self::Text(text)
+    }
+}
+impl From<f64> for Property {
+    fn from(number: f64) -> Self {
+        Self::Number(number)
+    }
+}
+impl From<u64> for Property {
+    fn from(number: u64) -> Self {
+        Self::Integer(number)
+    }
+}
+
+/// Properties by name, in alphabetical order.
+pub type Properties = BTreeMap<String, Property>;
+
+/// What is known when a run begins.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct RunHeader {
+    /// Unique name of the run, safe as a file name.
+    pub name: String,
+    /// Everything that is needed to repeat the run.
+    pub properties: Properties,
+    /// What can be drawn.
+    pub scene: Scene,
+}
+
+/// Geometry for the eye, in metres, NED.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Scene {
+    /// Polylines of the net at rest.
+    pub net_lines_m: Vec<Vec<[f64; 3]>>,
+    /// Half of length, breadth and height of the vehicle.
+    pub body_half_size_m: [f64; 3],
+    /// Unit vectors of the DVL beams, body axes.
+    pub beams: [[f64; 3]; 4],
+}
+
+/// Something that happened at a tick and must not be lost.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Event {
+    /// When.
+    pub tick: u64,
+    /// Which service says so.
+    pub service: String,
+    /// How grave.
+    pub severity: Severity,
+    /// What.
+    pub text: String,
+}
+
+/// How grave an event is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Severity {
+    /// As planned.
+    Info,
+    /// Something is not as it should be, and the twin copes.
+    Warning,
+    /// Something was refused or lost.
+    Error,
+}
+
+/// A run could not be written.
+#[derive(Debug, thiserror::Error)]
+#[error("{what}: {cause}")]
+pub struct SinkError {
+    /// The file or stream.
+    pub what: String,
+    /// Why.
+    pub cause: String,
+}
+
+/// Keeps a run: a listener that also hears where ticks begin and what happened.
+///
+/// Order of calls: `begin`, then per tick `tick`, the quantities and events of that tick, and at the end `finish`.
+/// Dropping a sink without `finish` must leave what was heard so far readable.
+pub trait RunSink: Probe {
+    /// The run begins.
+    ///
+    /// # Errors
+    /// When the run can't be written.
+    fn begin(&mut self, header: &RunHeader) -> Result<(), SinkError>;
+    /// What is shown from here on belongs to `tick`.
+    ///
+    /// # Errors
+    /// When something shown earlier could not be written.
+    fn tick(&mut self, tick: Tick) -> Result<(), SinkError>;
+    /// Something happened.
+    ///
+    /// # Errors
+    /// When it can't be written.
+    fn event(&mut self, event: &Event) -> Result<(), SinkError>;
+    /// The run is over; `results` are its scores and its hash.
+    ///
+    /// # Errors
+    /// When something can't be written or closed.
+    fn finish(&mut self, results: &Properties) -> Result<(), SinkError>;
+}
+
+/// A run that nobody keeps.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct NoSink;
+
+impl Probe for NoSink {
+    fn vector(&mut self, _: &'static crate::Signal, _: &[f64]) {}
+    fn label(&mut self, _: &'static crate::Signal, _: &'static str) {}
+}
+impl RunSink for NoSink {
+    fn begin(&mut self, _: &RunHeader) -> Result<(), SinkError> {
+        Ok(())
+    }
+    fn tick(&mut self, _: Tick) -> Result<(), SinkError> {
+        Ok(())
+    }
+    fn event(&mut self, _: &Event) -> Result<(), SinkError> {
+        Ok(())
+    }
+    fn finish(&mut self, _: &Properties) -> Result<(), SinkError> {
+        Ok(())
+    }
+}
