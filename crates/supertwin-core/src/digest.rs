@@ -14,11 +14,12 @@ pub struct DigestProbe {
     words: [u64; CAPACITY],
     len: usize,
     folded: u64,
+    non_finite: Option<&'static Signal>,
 }
 
 impl Default for DigestProbe {
     fn default() -> Self {
-        Self { words: [0; CAPACITY], len: 0, folded: 0 }
+        Self { words: [0; CAPACITY], len: 0, folded: 0, non_finite: None }
     }
 }
 
@@ -33,6 +34,12 @@ impl DigestProbe {
     pub fn take(&mut self) -> u64 {
         self.fold();
         core::mem::take(&mut self.folded)
+    }
+
+    /// The first signal that showed a NaN or an infinity, if any did.
+    #[must_use]
+    pub fn non_finite(&self) -> Option<&'static Signal> {
+        self.non_finite
     }
 
     fn fold(&mut self) {
@@ -62,8 +69,11 @@ fn canonical(x: f64) -> u64 {
 
 impl Probe for DigestProbe {
     #[inline]
-    fn vector(&mut self, _: &'static Signal, values: &[f64]) {
+    fn vector(&mut self, signal: &'static Signal, values: &[f64]) {
         for x in values {
+            if !x.is_finite() {
+                self.non_finite.get_or_insert(signal);
+            }
             self.push(canonical(*x));
         }
     }

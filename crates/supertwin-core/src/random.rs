@@ -4,6 +4,7 @@ use nalgebra::SVector;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Exp1, StandardNormal};
+use serde::{Deserialize, Deserializer, Serialize};
 
 /// A random stream that belongs to one named consumer of one seeded run.
 #[derive(Clone, Debug)]
@@ -43,6 +44,73 @@ impl Stream {
     /// True with probability `p`.
     pub fn chance(&mut self, p: f64) -> bool {
         self.0.random::<f64>() < p
+    }
+}
+
+/// A value, or a range that a value is drawn from once per run. Written as a number or as `[low, high]`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(into = "[f64; 2]")]
+pub struct Draw {
+    low: f64,
+    high: f64,
+}
+
+impl Draw {
+    /// Always the same value.
+    #[must_use]
+    pub fn fixed(value: f64) -> Self {
+        Self { low: value, high: value }
+    }
+
+    /// The ends of the range.
+    #[must_use]
+    pub fn range(self) -> (f64, f64) {
+        (self.low, self.high)
+    }
+
+    /// Draws once, uniformly.
+    pub fn sample(self, stream: &mut Stream) -> f64 {
+        stream.uniform(self.low, self.high)
+    }
+}
+
+impl From<Draw> for [f64; 2] {
+    fn from(draw: Draw) -> Self {
+        [draw.low, draw.high]
+    }
+}
+
+impl<'de> Deserialize<'de> for Draw {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct ValueOrRange;
+        impl<'de> serde::de::Visitor<'de> for ValueOrRange {
+            type Value = Draw;
+            fn expecting(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+                f.write_str("a finite number, or a range [low, high] of finite numbers")
+            }
+            fn visit_f64<E: serde::de::Error>(self, value: f64) -> Result<Draw, E> {
+                if value.is_finite() {
+                    Ok(Draw::fixed(value))
+                } else {
+                    Err(E::custom(format!("{value}: must be finite")))
+                }
+            }
+            fn visit_i64<E>(self, value: i64) -> Result<Draw, E> {
+                Ok(Draw::fixed(value as f64))
+            }
+            fn visit_u64<E>(self, value: u64) -> Result<Draw, E> {
+                Ok(Draw::fixed(value as f64))
+            }
+            fn visit_seq<A: serde::de::SeqAccess<'de>>(self, seq: A) -> Result<Draw, A::Error> {
+                let [low, high] = <[f64; 2]>::deserialize(serde::de::value::SeqAccessDeserializer::new(seq))?;
+                if low <= high && low.is_finite() && high.is_finite() {
+                    Ok(Draw { low, high })
+                } else {
+                    Err(serde::de::Error::custom(format!("[{low}, {high}]: must be finite and low ≤ high")))
+                }
+            }
+        }
+        deserializer.deserialize_any(ValueOrRange)
     }
 }
 

@@ -2,6 +2,7 @@
 
 use crate::{Probe, Tick};
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 /// One property of a run, such as its seed or a score.
@@ -69,11 +70,11 @@ pub struct Event {
     /// When.
     pub tick: u64,
     /// Which service says so.
-    pub service: String,
+    pub service: Cow<'static, str>,
     /// How grave.
     pub severity: Severity,
     /// What.
-    pub text: String,
+    pub text: Cow<'static, str>,
 }
 
 /// How grave an event is.

@@ -1,0 +1,64 @@
+//! Control allocation: a wrench into thruster forces that exist.
+
+use nalgebra::Vector4;
+use supertwin_model::thrusters::{Forces, Thrusters};
+
+/// Newtons (or newton metres) by which allocation may change an axis before the axis counts as limited,
+/// plus [`TOLERANCE_SHARE`] of the request.
+pub const TOLERANCE: f64 = 3.0;
+/// Share of the request by which allocation may change an axis before the axis counts as limited.
+pub const TOLERANCE_SHARE: f64 = 0.05;
+
+/// `f = B⁺ tau`, each group scaled by one factor to its limits, forces inside the dead band dropped.
+#[derive(Clone, Debug)]
+pub struct Allocation {
+    thrusters: Thrusters,
+    dead_band_n: f64,
+}
+
+/// What allocation made of a wrench.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Allocated {
+    /// Force of each thruster in newtons.
+    pub force_n: Forces,
+    /// `tau = B f`.
+    pub wrench: Vector4<f64>,
+    /// Axes on which that differs from the request by more than the tolerance.
+    pub limited: [bool; 4],
+}
+
+impl Allocation {
+    /// From the vehicle's thrusters and the dead band below which they do not turn.
+    #[must_use]
+    pub fn new(thrusters: Thrusters, dead_band_n: f64) -> Self {
+        Self { thrusters, dead_band_n }
+    }
+
+    /// How many thrusters there are.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.thrusters.count()
+    }
+
+    /// Allocates `tau`, in body axes. Scaling by groups keeps the direction of the horizontal part
+    /// (surge, sway, yaw) and lets heave saturate by itself (control.md, section 5).
+    #[must_use]
+    pub fn allocate(&self, tau: &Vector4<f64>) -> Allocated {
+        let mut force_n = self.thrusters.forces(tau);
+        // One factor per group: [horizontal, vertical].
+        let mut excess = [1.0f64; 2];
+        for i in 0..self.thrusters.count() {
+            let group = usize::from(self.thrusters.is_vertical(i));
+            excess[group] = excess[group].max(force_n[i].abs() / self.thrusters.max_n()[i]);
+        }
+        for i in 0..self.thrusters.count() {
+            force_n[i] /= excess[usize::from(self.thrusters.is_vertical(i))];
+            if force_n[i].abs() < self.dead_band_n {
+                force_n[i] = 0.0;
+            }
+        }
+        let wrench = self.thrusters.wrench(&force_n);
+        let limited = core::array::from_fn(|i| (wrench[i] - tau[i]).abs() > TOLERANCE + TOLERANCE_SHARE * tau[i].abs());
+        Allocated { force_n, wrench, limited }
+    }
+}

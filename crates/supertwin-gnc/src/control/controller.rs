@@ -1,0 +1,260 @@
+//! The controller service: errors, law, allocation, and what to do when an input is missing.
+
+use super::fallback::{Fallback, FallbackConfig};
+use super::{Law, LawConfig, LawInput, TrackingError};
+use crate::allocation::Allocation;
+use nalgebra::Vector4;
+use serde::{Deserialize, Serialize};
+use supertwin_core::check::NonNegative;
+use supertwin_core::command::ControllerCommand;
+use supertwin_core::message::{Mode, Nav, Reference, Thrust, WrenchRequest};
+use supertwin_core::{Block, Input, Observe, Prev, Probe, Refusal, Signal, Tick};
+use supertwin_model::Hydrodynamics;
+
+/// How old inputs may get, in seconds.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ControllerLimits {
+    /// Navigation older than this: neutral.
+    pub nav_s: NonNegative,
+    /// A reference older than this: the vehicle brakes and holds by itself.
+    pub reference_s: NonNegative,
+    /// A wrench request older than this: the substitute steers.
+    pub wrench_request_s: NonNegative,
+}
+
+/// Everything a controller is made of.
+#[derive(Clone, Debug)]
+pub struct ControllerSetup<'a> {
+    /// Laws by name; the first is in command.
+    pub laws: Vec<(String, &'a LawConfig)>,
+    /// Nominal model, for the implicit discretisation.
+    pub model: Hydrodynamics,
+    /// Thrusters and their dead band.
+    pub allocation: Allocation,
+    /// Ages of inputs.
+    pub limits: &'a ControllerLimits,
+    /// How the vehicle brakes by itself.
+    pub fallback: &'a FallbackConfig,
+    /// Length of a tick.
+    pub dt_s: f64,
+}
+
+/// What the controller consumes.
+#[derive(Clone, Copy, Debug)]
+pub struct ControllerInput<'a> {
+    /// Navigation.
+    pub nav: Input<&'a Nav>,
+    /// Reference.
+    pub reference: Input<&'a Reference>,
+    /// What was really allocated at the tick before.
+    pub applied: Prev<Input<&'a Thrust>>,
+    /// A wrench from outside, for the law `external`.
+    pub wrench_request: Input<&'a WrenchRequest>,
+}
+
+/// What the controller is doing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Status {
+    Tracking,
+    Neutral,
+    EmergencyNeutral,
+    NavStale,
+    Fallback,
+    NotFinite,
+}
+
+impl Status {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Tracking => "tracking",
+            Self::Neutral => "neutral",
+            Self::EmergencyNeutral => "emergency_neutral",
+            Self::NavStale => "nav_stale",
+            Self::Fallback => "fallback",
+            Self::NotFinite => "not_finite",
+        }
+    }
+}
+
+/// The controller of one run.
+#[derive(Clone, Debug)]
+pub struct Controller {
+    laws: Vec<(String, Law)>,
+    active: usize,
+    allocation: Allocation,
+    nav_limit: u64,
+    reference_limit: u64,
+    request_limit: u64,
+    fallback: Fallback,
+    last_reference: Option<Reference>,
+    neutral_demanded: bool,
+    /// The law has not steered at the tick before and takes over from what was applied.
+    taking_over: bool,
+    status: Status,
+    error: TrackingError,
+    non_finite: u32,
+}
+
+impl Controller {
+    /// # Errors
+    /// When there is no law, two have one name, or one can't be built.
+    pub fn new(setup: &ControllerSetup<'_>) -> Result<Self, String> {
+        let mut laws: Vec<(String, Law)> = Vec::with_capacity(setup.laws.len());
+        for (name, config) in &setup.laws {
+            if laws.iter().any(|(other, _)| other == name) {
+                return Err(format!("controller {name:?} is given twice: every law needs its own name"));
+            }
+            laws.push((name.clone(), config.build(&setup.model)?));
+        }
+        if laws.is_empty() {
+            return Err("no controller given: there must be at least one".to_owned());
+        }
+        let ticks = |limit_s: NonNegative| Tick::at_or_after(limit_s.get(), setup.dt_s);
+        Ok(Self {
+            laws,
+            active: 0,
+            allocation: setup.allocation.clone(),
+            nav_limit: ticks(setup.limits.nav_s),
+            reference_limit: ticks(setup.limits.reference_s),
+            request_limit: ticks(setup.limits.wrench_request_s),
+            fallback: Fallback::new(setup.fallback),
+            last_reference: None,
+            neutral_demanded: false,
+            taking_over: true,
+            status: Status::Neutral,
+            error: TrackingError::default(),
+            non_finite: 0,
+        })
+    }
+
+    /// The law in command.
+    #[must_use]
+    pub fn law(&self) -> &Law {
+        &self.laws[self.active].1
+    }
+
+    /// What the controller is doing, in a word.
+    #[must_use]
+    pub fn status(&self) -> &'static str {
+        self.status.name()
+    }
+
+    /// The name of the law in command.
+    #[must_use]
+    pub fn law_name(&self) -> &str {
+        &self.laws[self.active].0
+    }
+
+    fn idle(&mut self, status: Status) -> Thrust {
+        self.status = status;
+        self.taking_over = true;
+        self.error = TrackingError::default();
+        self.thrust(&Vector4::zeros())
+    }
+
+    fn thrust(&self, tau: &Vector4<f64>) -> Thrust {
+        let allocated = self.allocation.allocate(tau);
+        Thrust {
+            force_n: allocated.force_n.iter().take(self.allocation.count()).copied().collect(),
+            requested: (*tau).into(),
+            allocated: allocated.wrench.into(),
+            limited: allocated.limited.into(),
+        }
+    }
+}
+
+impl Block for Controller {
+    const NAME: &'static str = "controller";
+    type In<'a> = ControllerInput<'a>;
+    type Out = Thrust;
+    type Command = ControllerCommand;
+
+    fn step(&mut self, tick: Tick, input: ControllerInput<'_>) -> Thrust {
+        if self.neutral_demanded {
+            return self.idle(Status::EmergencyNeutral);
+        }
+        let Some(nav) = input.nav.within(tick, self.nav_limit) else {
+            return self.idle(Status::NavStale);
+        };
+        let status = match input.reference.within(tick, self.reference_limit) {
+            Some(reference) if reference.mode == Mode::Neutral => {
+                self.last_reference = None;
+                return self.idle(Status::Neutral);
+            }
+            Some(reference) => {
+                self.error = TrackingError::new(nav, reference);
+                self.last_reference = Some(reference.clone());
+                Status::Tracking
+            }
+            None => {
+                if self.status != Status::Fallback {
+                    self.fallback.begin(self.last_reference.as_ref(), nav);
+                }
+                self.error = TrackingError::new(nav, self.fallback.step(tick.dt_s));
+                Status::Fallback
+            }
+        };
+        let applied = input.applied.0.newest();
+        let law_input = LawInput {
+            h_s: tick.dt_s,
+            error: &self.error,
+            limited: applied.map_or([false; 4], |thrust| thrust.limited.to_array()),
+            request: input.wrench_request.within(tick, self.request_limit),
+        };
+        let (_, law) = &mut self.laws[self.active];
+        if core::mem::take(&mut self.taking_over) {
+            match applied {
+                Some(applied) => law.start_from(&law_input, &applied.allocated.vector()),
+                None => law.reset(),
+            }
+        }
+        let tau = law.step(&law_input);
+        if tau.iter().all(|force| force.is_finite()) {
+            self.status = status;
+            self.thrust(&tau)
+        } else {
+            // Nothing that is no number leaves the controller; the law starts afresh.
+            law.reset();
+            self.non_finite += 1;
+            self.idle(Status::NotFinite)
+        }
+    }
+
+    fn command(&mut self, _: Tick, command: &ControllerCommand) -> Result<(), Refusal> {
+        match command {
+            ControllerCommand::Neutral(neutral) => self.neutral_demanded = *neutral,
+            ControllerCommand::Law(name) => {
+                let Some(index) = self.laws.iter().position(|(other, _)| other == name) else {
+                    let known: Vec<&str> = self.laws.iter().map(|(name, _)| name.as_str()).collect();
+                    return Err(Refusal(format!("law = {name:?}: must be one of {}", known.join(", "))));
+                };
+                if index != self.active {
+                    self.active = index;
+                    self.taking_over = true;
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+static STATUS: Signal =
+    Signal { path: "controller/status", components: &[], units: &[], about: "what the controller is doing" };
+static LAW: Signal = Signal { path: "controller/law", components: &[], units: &[], about: "law in command" };
+static NON_FINITE: Signal = Signal {
+    path: "controller/non_finite",
+    components: &[],
+    units: &["count"],
+    about: "wrenches of the law that were no numbers and were replaced by zero",
+};
+
+impl Observe for Controller {
+    fn observe<P: Probe>(&self, probe: &mut P) {
+        self.error.observe(probe);
+        self.law().observe(probe);
+        probe.scalar(&NON_FINITE, f64::from(self.non_finite));
+        probe.label(&LAW, self.law().name());
+        probe.label(&STATUS, self.status.name());
+    }
+}

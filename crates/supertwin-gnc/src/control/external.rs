@@ -1,0 +1,86 @@
+//! The law `external`: a wrench from outside, with a substitute for the axes and the moments it leaves out.
+//!
+//! Allocation, limits and fallback stay on the vehicle. An axis that the request leaves out, and every axis when the
+//! request is too old, is the substitute's; it takes over without a jump.
+
+use super::{Law, LawConfig, LawInput};
+use nalgebra::Vector4;
+use serde::{Deserialize, Serialize};
+use supertwin_core::axes::AXIS_NAMES;
+use supertwin_core::message::WrenchRequest;
+use supertwin_core::{Observe, Probe, Signal};
+use supertwin_model::Hydrodynamics;
+
+/// Parameters of the law.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ExternalConfig {
+    /// What steers where the request does not. Must not be `external` itself.
+    pub substitute: Box<LawConfig>,
+}
+
+/// The law at work.
+#[derive(Clone, Debug)]
+pub struct External {
+    substitute: Box<Law>,
+    outside: [bool; 4],
+    last: Vector4<f64>,
+}
+
+impl External {
+    /// # Errors
+    /// When the substitute is itself external or can't be built.
+    pub fn new(config: &ExternalConfig, model: &Hydrodynamics) -> Result<Self, String> {
+        if matches!(*config.substitute, LawConfig::External(_)) {
+            return Err("law.external.substitute = external: must be a law of the vehicle's own".to_owned());
+        }
+        Ok(Self { substitute: Box::new(config.substitute.build(model)?), outside: [false; 4], last: Vector4::zeros() })
+    }
+
+    /// One tick.
+    pub fn step(&mut self, input: &LawInput<'_>) -> Vector4<f64> {
+        let request = input.request.map_or([None; 4], WrenchRequest::to_array);
+        let outside = request.map(|axis| axis.is_some_and(f64::is_finite));
+        // An axis that comes back to the substitute continues from the last wrench; so do the others, which are its own.
+        if (0..4).any(|i| self.outside[i] && !outside[i]) {
+            let last = self.last;
+            self.substitute.start_from(input, &last);
+        }
+        let mut tau = self.substitute.step(input);
+        for i in 0..4 {
+            if let (true, Some(wanted)) = (outside[i], request[i]) {
+                tau[i] = wanted;
+            }
+        }
+        self.outside = outside;
+        self.last = tau;
+        tau
+    }
+
+    /// Hands over to the substitute.
+    pub fn start_from(&mut self, input: &LawInput<'_>, wrench: &Vector4<f64>) {
+        self.substitute.start_from(input, wrench);
+        self.last = *wrench;
+    }
+
+    /// Forgets everything.
+    pub fn reset(&mut self) {
+        self.substitute.reset();
+        self.outside = [false; 4];
+        self.last = Vector4::zeros();
+    }
+}
+
+static OUTSIDE: Signal = Signal {
+    path: "controller/external",
+    components: AXIS_NAMES,
+    units: &["flag"],
+    about: "axes that are steered from outside",
+};
+
+impl Observe for External {
+    fn observe<P: Probe>(&self, probe: &mut P) {
+        probe.vector(&OUTSIDE, &self.outside.map(|flag| f64::from(u8::from(flag))));
+        self.substitute.observe(probe);
+    }
+}

@@ -1,0 +1,353 @@
+//! The estimator service: measurements and allocated thrust in, navigation out.
+
+use crate::ekf::{B, Ekf, EkfConfig, Innovation, NU, PSI, Z};
+use crate::net_plane::{NetPlane, NetPlaneConfig};
+use nalgebra::{Vector3, Vector4};
+use serde::{Deserialize, Serialize};
+use supertwin_core::check::{NonNegative, Positive};
+use supertwin_core::command::EstimatorCommand;
+use supertwin_core::message::{DvlPing, Measurements, Nav, NavHealth, NavVariance, Thrust};
+use supertwin_core::{Block, Input, Observe, Prev, Probe, Refusal, Signal, Tick};
+use supertwin_model::Hydrodynamics;
+
+/// An estimator file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EstimatorConfig {
+    /// What it is and where its numbers come from.
+    pub description: String,
+    /// The filter.
+    pub ekf: EkfConfig,
+    /// The filter's trust in its sensors.
+    pub measurement: MeasurementConfig,
+    /// The net in front.
+    pub net_plane: NetPlaneConfig,
+}
+
+/// Standard deviations and gates of the measurement updates.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MeasurementConfig {
+    /// DVL velocity components.
+    pub dvl: SensorTrust,
+    /// Depth.
+    pub depth: SensorTrust,
+    /// Compass.
+    pub compass: SensorTrust,
+    /// Gyro.
+    pub gyro: SensorTrust,
+}
+
+/// Trust in one sensor.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SensorTrust {
+    /// Standard deviation that the filter assumes, in the sensor's unit.
+    pub std: Positive,
+    /// Gate on the normalised innovation squared (chi-square, one degree of freedom); without it all is taken.
+    pub gate: Option<Positive>,
+}
+
+impl SensorTrust {
+    fn variance(&self) -> f64 {
+        self.std.get() * self.std.get()
+    }
+    fn gate(&self) -> Option<f64> {
+        self.gate.map(Positive::get)
+    }
+}
+
+/// How old inputs may get, in seconds, before the estimator says so.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EstimatorLimits {
+    /// A held thrust command older than this counts as none.
+    pub thrust_s: NonNegative,
+    /// Without a velocity for longer than this, health says dead reckoning.
+    pub dvl_s: NonNegative,
+    /// Without a depth.
+    pub depth_s: NonNegative,
+    /// Without a compass reading.
+    pub heading_s: NonNegative,
+    /// Without a usable ping for longer than this the net is no longer valid.
+    pub net_s: NonNegative,
+}
+
+/// What the estimator consumes.
+#[derive(Clone, Copy, Debug)]
+pub struct EstimatorInput<'a> {
+    /// Everything that arrived since the last step, in order. Empty when nothing did.
+    pub measurements: &'a [Measurements],
+    /// What the thrusters were told at the tick before.
+    pub thrust: Prev<Input<&'a Thrust>>,
+}
+
+/// When a quantity was last measured.
+#[derive(Clone, Copy, Debug, Default)]
+struct LastSeen {
+    depth: Option<u64>,
+    heading: Option<u64>,
+    velocity: Option<u64>,
+    net: Option<u64>,
+}
+
+/// Innovations of the last step; absent where nothing arrived.
+#[derive(Clone, Copy, Debug, Default)]
+struct Innovations {
+    dvl: Option<[Innovation; 3]>,
+    depth: Option<Innovation>,
+    compass: Option<Innovation>,
+    gyro: Option<Innovation>,
+    ping: bool,
+}
+
+/// Gated and accepted scalar measurements since the start.
+#[derive(Clone, Copy, Debug, Default)]
+struct Counters {
+    accepted: u32,
+    gated: u32,
+    restarts: u32,
+}
+
+/// The estimator of one run.
+#[derive(Clone, Debug)]
+pub struct Estimator {
+    ekf: Ekf,
+    net_plane: NetPlane,
+    trust: MeasurementConfig,
+    limits: LimitsInTicks,
+    seen: LastSeen,
+    innovations: Innovations,
+    counters: Counters,
+    restart_requested: bool,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct LimitsInTicks {
+    thrust: u64,
+    dvl: u64,
+    depth: u64,
+    heading: u64,
+    net: u64,
+}
+
+impl Estimator {
+    /// From an estimator file, the nominal model, the instrument's beam angle and the limits of the trial.
+    #[must_use]
+    pub fn new(
+        config: &EstimatorConfig,
+        model: Hydrodynamics,
+        beam_angle_rad: f64,
+        limits: &EstimatorLimits,
+        dt_s: f64,
+    ) -> Self {
+        let ticks = |limit_s: NonNegative| Tick::at_or_after(limit_s.get(), dt_s);
+        Self {
+            ekf: Ekf::new(&config.ekf, model),
+            net_plane: NetPlane::new(&config.net_plane, beam_angle_rad),
+            trust: config.measurement,
+            limits: LimitsInTicks {
+                thrust: ticks(limits.thrust_s),
+                dvl: ticks(limits.dvl_s),
+                depth: ticks(limits.depth_s),
+                heading: ticks(limits.heading_s),
+                net: ticks(limits.net_s),
+            },
+            seen: LastSeen::default(),
+            innovations: Innovations::default(),
+            counters: Counters::default(),
+            restart_requested: false,
+        }
+    }
+
+    fn restart(&mut self) {
+        self.ekf.restart();
+        self.net_plane.restart();
+        self.seen = LastSeen::default();
+        self.counters.restarts += 1;
+    }
+
+    fn count(&mut self, innovation: Innovation) -> Innovation {
+        if innovation.accepted {
+            self.counters.accepted += 1;
+        } else {
+            self.counters.gated += 1;
+        }
+        innovation
+    }
+
+    fn take(&mut self, tick: Tick, measurements: &Measurements) {
+        let trust = self.trust;
+        if let Some(sample) = &measurements.depth {
+            if self.seen.depth.is_none() && sample.depth_m.is_finite() {
+                self.ekf.set(Z, sample.depth_m);
+            }
+            let innovation = self.ekf.update(Z, sample.depth_m, trust.depth.variance(), trust.depth.gate());
+            self.innovations.depth = Some(self.count(innovation));
+            if innovation.accepted {
+                self.seen.depth = Some(tick.k);
+            }
+        }
+        if let Some(sample) = &measurements.compass {
+            if self.seen.heading.is_none() && sample.heading_rad.is_finite() {
+                self.ekf.set(PSI, sample.heading_rad);
+            }
+            let innovation = self.ekf.update(PSI, sample.heading_rad, trust.compass.variance(), trust.compass.gate());
+            self.innovations.compass = Some(self.count(innovation));
+            if innovation.accepted {
+                self.seen.heading = Some(tick.k);
+            }
+        }
+        if let Some(sample) = &measurements.gyro {
+            let innovation =
+                self.ekf.update(NU + 3, sample.yaw_rate_rad_per_s, trust.gyro.variance(), trust.gyro.gate());
+            self.innovations.gyro = Some(self.count(innovation));
+        }
+        if let Some(ping) = &measurements.dvl {
+            self.take_ping(tick, ping);
+        }
+    }
+
+    fn take_ping(&mut self, tick: Tick, ping: &DvlPing) {
+        let trust = self.trust.dvl;
+        if let Some(velocity) = ping.velocity_m_per_s {
+            let innovations =
+                core::array::from_fn(|i| self.ekf.update(NU + i, velocity[i], trust.variance(), trust.gate()));
+            for innovation in innovations {
+                self.count(innovation);
+            }
+            if innovations.iter().any(|innovation| innovation.accepted) {
+                self.seen.velocity = Some(tick.k);
+            }
+            self.innovations.dvl = Some(innovations);
+        }
+        self.innovations.ping = true;
+        if self.net_plane.update(ping, self.ekf.x()[PSI]) {
+            self.seen.net = Some(tick.k);
+        }
+    }
+
+    fn nav(&self, tick: Tick, thrust_unknown: bool, restarted: bool) -> Nav {
+        let lost = |seen: Option<u64>, limit: u64| seen.is_none_or(|seen| tick.k - seen > limit);
+        let x = self.ekf.x();
+        let diagonal = self.ekf.P().diagonal();
+        let quad = |from: usize| core::array::from_fn(|i| diagonal[from + i]);
+        let mut net = self.net_plane.estimate(x[PSI]).unwrap_or_default();
+        net.valid &= !lost(self.seen.net, self.limits.net);
+        Nav {
+            depth_m: x[Z],
+            heading_rad: x[PSI],
+            velocity: self.ekf.nu().into(),
+            acceleration: (*self.ekf.acceleration()).into(),
+            disturbance: x.fixed_rows::<4>(B).into_owned().into(),
+            variance: NavVariance {
+                depth_m2: diagonal[Z],
+                heading_rad2: diagonal[PSI],
+                velocity: quad(NU),
+                disturbance: quad(B),
+            },
+            net,
+            health: NavHealth {
+                dead_reckoning: lost(self.seen.velocity, self.limits.dvl),
+                depth_lost: lost(self.seen.depth, self.limits.depth),
+                heading_lost: lost(self.seen.heading, self.limits.heading),
+                thrust_unknown,
+                restarted,
+            },
+        }
+    }
+}
+
+impl Block for Estimator {
+    const NAME: &'static str = "estimator";
+    type In<'a> = EstimatorInput<'a>;
+    type Out = Nav;
+    type Command = EstimatorCommand;
+
+    /// Predicts one tick with the thrust of the tick before, then takes every measurement in order.
+    fn step(&mut self, tick: Tick, input: EstimatorInput<'_>) -> Nav {
+        let mut restarted = core::mem::take(&mut self.restart_requested);
+        if restarted {
+            self.restart();
+        }
+        self.innovations = Innovations::default();
+        let thrust = input.thrust.0.within(tick, self.limits.thrust);
+        let tau = thrust.map_or_else(Vector4::zeros, |thrust| thrust.allocated.vector());
+        if tick.k > 0 {
+            self.ekf.predict(&tau, tick.dt_s);
+            let nu = self.ekf.nu();
+            self.net_plane.predict(&Vector3::new(nu[0], nu[1], nu[2]), nu[3], tick.dt_s);
+        }
+        for measurements in input.measurements {
+            self.take(tick, measurements);
+        }
+        if !self.ekf.is_sane() {
+            self.restart();
+            restarted = true;
+        }
+        self.nav(tick, thrust.is_none() && tick.k > 0, restarted)
+    }
+
+    fn command(&mut self, _: Tick, command: &EstimatorCommand) -> Result<(), Refusal> {
+        match command {
+            EstimatorCommand::Restart => self.restart_requested = true,
+        }
+        Ok(())
+    }
+}
+
+static INNOVATION_DVL: Signal = Signal {
+    path: "estimator/innovation/dvl",
+    components: &["surge", "sway", "heave", "surge_std", "sway_std", "heave_std", "surge_nis", "sway_nis", "heave_nis"],
+    units: &["m/s", "m/s", "m/s", "m/s", "m/s", "m/s", "1", "1", "1"],
+    about: "DVL innovations, their predicted standard deviations, normalised squares",
+};
+static INNOVATION_DEPTH: Signal = Signal {
+    path: "estimator/innovation/depth",
+    components: &["innovation", "std", "nis"],
+    units: &["m", "m", "1"],
+    about: "depth innovation, its predicted standard deviation, normalised square",
+};
+static INNOVATION_COMPASS: Signal = Signal {
+    path: "estimator/innovation/heading",
+    components: &["innovation", "std", "nis"],
+    units: &["rad", "rad", "1"],
+    about: "compass innovation, its predicted standard deviation, normalised square",
+};
+static INNOVATION_GYRO: Signal = Signal {
+    path: "estimator/innovation/yaw_rate",
+    components: &["innovation", "std", "nis"],
+    units: &["rad/s", "rad/s", "1"],
+    about: "gyro innovation, its predicted standard deviation, normalised square",
+};
+static COUNTERS: Signal = Signal {
+    path: "estimator/counters",
+    components: &["accepted", "gated", "restarts"],
+    units: &["count"],
+    about: "scalar measurements used and refused by their gates, restarts of the filter",
+};
+
+impl Observe for Estimator {
+    fn observe<P: Probe>(&self, probe: &mut P) {
+        let show = |i: &Innovation| [i.value, libm::sqrt(i.variance), i.nis];
+        if let Some(dvl) = &self.innovations.dvl {
+            let [a, b, c] = dvl.each_ref().map(show);
+            probe.vector(&INNOVATION_DVL, &[a[0], b[0], c[0], a[1], b[1], c[1], a[2], b[2], c[2]]);
+        }
+        if let Some(innovation) = &self.innovations.depth {
+            probe.vector(&INNOVATION_DEPTH, &show(innovation));
+        }
+        if let Some(innovation) = &self.innovations.compass {
+            probe.vector(&INNOVATION_COMPASS, &show(innovation));
+        }
+        if let Some(innovation) = &self.innovations.gyro {
+            probe.vector(&INNOVATION_GYRO, &show(innovation));
+        }
+        if self.innovations.ping {
+            self.net_plane.report().observe(probe);
+        }
+        self.net_plane.observe(probe);
+        let c = &self.counters;
+        probe.vector(&COUNTERS, &[f64::from(c.accepted), f64::from(c.gated), f64::from(c.restarts)]);
+    }
+}

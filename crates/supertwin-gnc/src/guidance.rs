@@ -1,0 +1,325 @@
+//! The guidance service: modes, set-points and line of sight into smooth references.
+
+use crate::los::{DesiredVelocity, LineOfSight, PortSign};
+use crate::reference_model::{ReferenceModel, ReferenceModelConfig};
+use serde::{Deserialize, Serialize};
+use supertwin_core::check::{Finite, NonNegative, Positive};
+use supertwin_core::command::{GuidanceCommand, Trajectory};
+use supertwin_core::message::{Direction, Mode, Nav, Reference};
+use supertwin_core::{Block, Input, Observe, Probe, Refusal, Signal, Tick};
+
+/// A guidance file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GuidanceConfig {
+    /// What it is and where its numbers come from.
+    pub description: String,
+    /// Δ of the line-of-sight law.
+    pub lookahead_m: Positive,
+    /// Which print of the law to port.
+    pub port_sign: PortSign,
+    /// Reference models.
+    pub reference: ReferenceModels,
+    /// What may be asked for.
+    pub limits: SetpointLimits,
+    /// Set-points before the first command.
+    pub initial: InitialSetpoints,
+}
+
+/// Reference models of the four quantities.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ReferenceModels {
+    /// Surge and sway, in m/s: the rate is an acceleration.
+    pub velocity: ReferenceModelConfig,
+    /// Depth, in metres.
+    pub depth: ReferenceModelConfig,
+    /// Heading, in radians.
+    pub heading: ReferenceModelConfig,
+}
+
+/// Bounds of the set-points; a command outside them is refused.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SetpointLimits {
+    /// Shallowest and deepest.
+    pub depth_m: [Finite; 2],
+    /// Nearest and farthest.
+    pub net_distance_m: [Positive; 2],
+    /// Fastest along the net.
+    pub speed_m_per_s: Positive,
+}
+
+/// Set-points that hold until a command changes them. Depth and heading start where the vehicle is.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct InitialSetpoints {
+    /// Distance to the net.
+    pub net_distance_m: Positive,
+    /// Speed along the net.
+    pub speed_m_per_s: NonNegative,
+    /// Direction of travel.
+    pub direction: Direction,
+}
+
+/// Whether somebody is in command.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum OperatorLink {
+    /// A mission, or an operator whose lease and liveliness stand.
+    Present,
+    /// The operator is gone: hold depth and heading.
+    Lost,
+}
+
+/// What guidance consumes.
+#[derive(Clone, Copy, Debug)]
+pub struct GuidanceInput<'a> {
+    /// Navigation.
+    pub nav: Input<&'a Nav>,
+    /// The operator's link.
+    pub operator: OperatorLink,
+}
+
+/// Why guidance does what it does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Reason {
+    Commanded,
+    WaitingForNav,
+    NavStale,
+    NetLost,
+    OperatorLost,
+}
+
+impl Reason {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Commanded => "commanded",
+            Self::WaitingForNav => "waiting_for_nav",
+            Self::NavStale => "nav_stale",
+            Self::NetLost => "net_lost",
+            Self::OperatorLost => "operator_lost",
+        }
+    }
+}
+
+/// The guidance of one run.
+#[derive(Clone, Debug)]
+pub struct Guidance {
+    line_of_sight: LineOfSight,
+    limits: SetpointLimits,
+    nav_limit_ticks: u64,
+    commanded: Mode,
+    direction: Direction,
+    depth_m: Option<Trajectory>,
+    heading_rad: Option<Trajectory>,
+    net_distance_m: Trajectory,
+    speed_m_per_s: Trajectory,
+    surge: ReferenceModel,
+    sway: ReferenceModel,
+    depth: ReferenceModel,
+    heading: ReferenceModel,
+    started: bool,
+    mode: Mode,
+    reason: Reason,
+    desired: DesiredVelocity,
+    target: [f64; 2],
+}
+
+impl Guidance {
+    /// From a guidance file; `nav_limit_s` is the age of navigation at which the reference stops moving.
+    #[must_use]
+    pub fn new(config: &GuidanceConfig, nav_limit_s: f64, dt_s: f64) -> Self {
+        Self {
+            line_of_sight: LineOfSight { lookahead_m: config.lookahead_m.get(), port_sign: config.port_sign },
+            limits: config.limits,
+            nav_limit_ticks: Tick::at_or_after(nav_limit_s, dt_s),
+            commanded: Mode::Neutral,
+            direction: config.initial.direction,
+            depth_m: None,
+            heading_rad: None,
+            net_distance_m: Trajectory::constant(config.initial.net_distance_m.get()),
+            speed_m_per_s: Trajectory::constant(config.initial.speed_m_per_s.get()),
+            surge: ReferenceModel::new(&config.reference.velocity),
+            sway: ReferenceModel::new(&config.reference.velocity),
+            depth: ReferenceModel::new(&config.reference.depth),
+            heading: ReferenceModel::new(&config.reference.heading),
+            started: false,
+            mode: Mode::Neutral,
+            reason: Reason::WaitingForNav,
+            desired: DesiredVelocity::default(),
+            target: [0.0; 2],
+        }
+    }
+
+    /// Why guidance is in its mode, in a word.
+    #[must_use]
+    pub fn reason(&self) -> &'static str {
+        self.reason.name()
+    }
+
+    /// What to do now, and why.
+    fn decide(&self, nav: &Nav, operator: OperatorLink) -> (Mode, Reason) {
+        match self.commanded {
+            Mode::Neutral => (Mode::Neutral, Reason::Commanded),
+            _ if operator == OperatorLink::Lost => (Mode::DepthHeadingHold, Reason::OperatorLost),
+            Mode::FollowNet if !nav.net.valid => (Mode::DepthHeadingHold, Reason::NetLost),
+            mode => (mode, Reason::Commanded),
+        }
+    }
+
+    fn enter(&mut self, mode: Mode) {
+        let was = core::mem::replace(&mut self.mode, mode);
+        if was == mode {
+            return;
+        }
+        // Holding begins where the references stand, unless somebody asked for a heading.
+        if mode == Mode::DepthHeadingHold && self.heading_rad.is_none() {
+            self.heading_rad = Some(Trajectory::constant(self.heading.value));
+        }
+        if mode == Mode::FollowNet {
+            // The net gives the heading from here on; a later hold starts from where that led.
+            self.heading_rad = None;
+        }
+        if self.depth_m.is_none() {
+            self.depth_m = Some(Trajectory::constant(self.depth.value));
+        }
+    }
+
+    fn reference(&self, now: Tick) -> Reference {
+        let following = self.mode == Mode::FollowNet;
+        let speed = if following { self.direction.sign() * self.speed_m_per_s.at(now) } else { 0.0 };
+        Reference {
+            mode: self.mode,
+            surge_m_per_s: self.surge.value,
+            surge_m_per_s2: self.surge.rate,
+            sway_m_per_s: self.sway.value,
+            sway_m_per_s2: self.sway.rate,
+            depth_m: self.depth.value,
+            depth_m_per_s: self.depth.rate,
+            depth_m_per_s2: self.depth.acceleration,
+            heading_rad: self.heading.value,
+            heading_rad_per_s: self.heading.rate,
+            heading_rad_per_s2: self.heading.acceleration,
+            net_distance_m: self.net_distance_m.at(now),
+            speed_m_per_s: speed,
+        }
+    }
+
+    fn rest(&mut self) {
+        for model in [&mut self.surge, &mut self.sway, &mut self.depth, &mut self.heading] {
+            let value = model.value;
+            model.hold(value);
+        }
+    }
+}
+
+impl Block for Guidance {
+    const NAME: &'static str = "guidance";
+    type In<'a> = GuidanceInput<'a>;
+    type Out = Reference;
+    type Command = GuidanceCommand;
+
+    fn step(&mut self, tick: Tick, input: GuidanceInput<'_>) -> Reference {
+        let Some(nav) = input.nav.within(tick, self.nav_limit_ticks) else {
+            // The reference stops moving where it is.
+            self.reason = if self.started { Reason::NavStale } else { Reason::WaitingForNav };
+            self.rest();
+            return self.reference(tick);
+        };
+        if !self.started {
+            self.started = true;
+            self.depth.hold(nav.depth_m);
+            self.heading.hold(nav.heading_rad);
+        }
+        let (mode, reason) = self.decide(nav, input.operator);
+        self.reason = reason;
+        self.enter(mode);
+        let h_s = tick.dt_s;
+        if mode == Mode::Neutral {
+            // References wait where the vehicle drifts, so that nothing jumps when they are wanted again.
+            self.surge.hold(0.0);
+            self.sway.hold(0.0);
+            self.depth.hold(nav.depth_m);
+            self.heading.hold(nav.heading_rad);
+            self.desired = DesiredVelocity::default();
+            return self.reference(tick);
+        }
+        let depth_m = self.depth_m.map_or(self.depth.value, |depth| depth.at(tick));
+        let heading_rad = if mode == Mode::FollowNet {
+            self.desired = self.line_of_sight.velocity(
+                nav.net.distance_m,
+                self.net_distance_m.at(tick),
+                nav.net.heading_rad,
+                nav.heading_rad,
+                self.speed_m_per_s.at(tick),
+                self.direction,
+            );
+            nav.net.heading_rad
+        } else {
+            self.desired = DesiredVelocity::default();
+            self.heading_rad.map_or(self.heading.value, |heading| heading.at(tick))
+        };
+        self.target = [depth_m, heading_rad];
+        self.surge.step(self.desired.surge_m_per_s, h_s);
+        self.sway.step(self.desired.sway_m_per_s, h_s);
+        self.depth.step(depth_m, h_s);
+        self.heading.step_angle(heading_rad, h_s);
+        self.reference(tick)
+    }
+
+    fn command(&mut self, tick: Tick, command: &GuidanceCommand) -> Result<(), Refusal> {
+        match *command {
+            GuidanceCommand::Mode(mode) => self.commanded = mode,
+            GuidanceCommand::Direction(direction) => self.direction = direction,
+            GuidanceCommand::DepthM(setpoint) => {
+                let [low, high] = self.limits.depth_m.map(Finite::get);
+                let mut depth = self.depth_m.unwrap_or(Trajectory::constant(self.depth.value));
+                setpoint.check("depth_m", depth.at(tick), low, high)?;
+                depth.follow(setpoint, tick);
+                self.depth_m = Some(depth);
+            }
+            GuidanceCommand::HeadingRad(setpoint) => {
+                let mut heading = self.heading_rad.unwrap_or(Trajectory::constant(self.heading.value));
+                let turn = core::f64::consts::TAU;
+                setpoint.check("heading_rad", heading.at(tick), -turn, turn)?;
+                heading.follow(setpoint, tick);
+                self.heading_rad = Some(heading);
+            }
+            GuidanceCommand::NetDistanceM(setpoint) => {
+                let [low, high] = self.limits.net_distance_m.map(Positive::get);
+                setpoint.check("net_distance_m", self.net_distance_m.at(tick), low, high)?;
+                self.net_distance_m.follow(setpoint, tick);
+            }
+            GuidanceCommand::SpeedMPerS(setpoint) => {
+                let high = self.limits.speed_m_per_s.get();
+                setpoint.check("speed_m_per_s", self.speed_m_per_s.at(tick), 0.0, high)?;
+                self.speed_m_per_s.follow(setpoint, tick);
+            }
+        }
+        Ok(())
+    }
+}
+
+static REASON: Signal =
+    Signal { path: "guidance/reason", components: &[], units: &[], about: "why guidance is in its mode" };
+static LOS: Signal = Signal {
+    path: "guidance/line_of_sight",
+    components: &["surge", "sway", "course", "cross_track"],
+    units: &["m/s", "m/s", "rad", "m"],
+    about: "desired velocity before the reference models, desired course, distance error",
+};
+static TARGET: Signal = Signal {
+    path: "guidance/target",
+    components: &["depth", "heading"],
+    units: &["m", "rad"],
+    about: "depth and heading before the reference models",
+};
+
+impl Observe for Guidance {
+    fn observe<P: Probe>(&self, probe: &mut P) {
+        let d = &self.desired;
+        probe.vector(&LOS, &[d.surge_m_per_s, d.sway_m_per_s, d.course_rad, d.cross_track_m]);
+        probe.vector(&TARGET, &self.target);
+        probe.label(&REASON, self.reason.name());
+    }
+}

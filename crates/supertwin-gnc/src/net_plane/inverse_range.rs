@@ -1,0 +1,179 @@
+//! Kalman filter on the plane in inverse-range coordinates, with a gate per beam.
+//!
+//! State `a = n/d` in body axes: unit normal over distance. A beam measures `q_i = 1/r_i = b_i · a`, linearly.
+//! As the vehicle moves with `v` and turns with `r`: `a' = −[0,0,r] × a + a (a · v)` (control.md, section 3.3).
+
+use super::PingReport;
+use nalgebra::{Matrix3, Vector3};
+use serde::{Deserialize, Serialize};
+use supertwin_core::check::Positive;
+use supertwin_core::frame::ssa;
+use supertwin_core::message::{DvlPing, NetEstimate};
+use supertwin_model::SonarArray;
+
+/// Parameters.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct InverseRangeConfig {
+    /// Power spectral densities of `a_x`, `a_y`, `a_z`, in 1/m² per second.
+    pub process_noise: [Positive; 3],
+    /// Standard deviation of a range.
+    pub range_std_m: Positive,
+    /// Factor on it, for what is not noise: folds of the net.
+    pub range_std_factor: Positive,
+    /// Gate on each beam's normalised innovation squared (chi-square with one degree of freedom).
+    pub gate: Positive,
+    /// Pings in a row without one good beam after which the plane is taken from the next one afresh.
+    pub restart_after: u32,
+    /// Bounds of |a|: inverse of the farthest and of the nearest plane.
+    pub bounds_per_m: [Positive; 2],
+}
+
+/// The filter's state.
+#[derive(Clone, Debug)]
+pub struct InverseRange {
+    config: InverseRangeConfig,
+    array: SonarArray,
+    a: Vector3<f64>,
+    P: Matrix3<f64>,
+    known: bool,
+    bad_pings: u32,
+    report: PingReport,
+}
+
+impl InverseRange {
+    /// Without a plane yet.
+    #[must_use]
+    pub fn new(config: &InverseRangeConfig, array: SonarArray) -> Self {
+        Self {
+            config: *config,
+            array,
+            a: Vector3::zeros(),
+            P: Matrix3::zeros(),
+            known: false,
+            bad_pings: 0,
+            report: PingReport::default(),
+        }
+    }
+
+    /// `a' = −[0,0,r] × a + a (a · v)` over one step, with its covariance.
+    pub fn predict(&mut self, v: &Vector3<f64>, r: f64, h_s: f64) {
+        if !self.known {
+            return;
+        }
+        let a = self.a;
+        let approach = a.dot(v);
+        // ∂a'/∂a = −[0,0,r]× + (a · v) I + a vᵀ
+        let turn = Matrix3::new(0.0, r, 0.0, -r, 0.0, 0.0, 0.0, 0.0, 0.0);
+        let A = turn + Matrix3::identity() * approach + a * v.transpose();
+        let F = Matrix3::identity() + A * h_s;
+        self.a += (turn * a + a * approach) * h_s;
+        self.P = F * self.P * F.transpose();
+        for i in 0..3 {
+            self.P[(i, i)] += h_s * self.config.process_noise[i].get();
+        }
+        self.clip();
+    }
+
+    /// Takes a ping beam by beam; true when at least one beam was used.
+    pub fn update(&mut self, ping: &DvlPing) -> bool {
+        self.report = PingReport::default();
+        let all = super::inverse_ranges(ping);
+        if let Some(q) = all {
+            self.report.parity_per_m = SonarArray::parity(&q);
+        }
+        if !self.known || self.bad_pings >= self.config.restart_after {
+            return all.is_some_and(|q| self.start(&q));
+        }
+        for (i, range_m) in ping.beam_range_m.iter().enumerate() {
+            let Some(range_m) = range_m.filter(|range| range.is_finite() && *range > 0.0) else { continue };
+            let q = 1.0 / range_m;
+            let b = self.array.beams()[i];
+            let Pb = self.P * b;
+            let s = b.dot(&Pb) + self.variance(q);
+            let innovation = q - b.dot(&self.a);
+            self.report.innovation_per_m[i] = innovation;
+            if innovation * innovation / s <= self.config.gate.get() {
+                self.a += Pb * (innovation / s);
+                self.P -= Pb * Pb.transpose() / s;
+                self.report.accepted[i] = true;
+            }
+        }
+        self.clip();
+        let good = self.report.accepted.contains(&true);
+        self.bad_pings = if good { 0 } else { self.bad_pings + 1 };
+        good
+    }
+
+    /// Starts from a raw plane, if the ping is one: its parity is inside the gate too.
+    fn start(&mut self, q: &[f64; 4]) -> bool {
+        let variance: f64 = q.iter().map(|q| self.variance(*q)).sum();
+        let parity = SonarArray::parity(q);
+        let a = self.array.plane(q);
+        if !(a.x > 0.0 && parity * parity <= self.config.gate.get() * variance) {
+            return false;
+        }
+        self.a = a;
+        // The fit is diagonal: the variance of each component is the mean beam variance over its squared gain.
+        let b = self.array.beams()[0];
+        let mean = variance / 4.0;
+        self.P = Matrix3::from_diagonal(&b.map(|b| mean / (4.0 * b * b)));
+        self.known = true;
+        self.bad_pings = 0;
+        self.report.accepted = [true; 4];
+        self.clip();
+        true
+    }
+
+    /// Variance of an inverse range: `(factor s_r q²)²`.
+    fn variance(&self, q: f64) -> f64 {
+        let std = self.config.range_std_factor.get() * self.config.range_std_m.get() * q * q;
+        std * std
+    }
+
+    fn clip(&mut self) {
+        let norm = self.a.norm();
+        let [least, most] = self.config.bounds_per_m.map(Positive::get);
+        if norm > 0.0 {
+            self.a *= norm.clamp(least, most) / norm;
+        }
+    }
+
+    /// Distance `1/|a|` and heading `psi + atan2(a_y, a_x)` with first-order variances.
+    #[must_use]
+    pub fn estimate(&self, heading_rad: f64) -> Option<NetEstimate> {
+        if !self.known {
+            return None;
+        }
+        let a = self.a;
+        let norm = a.norm();
+        let distance_gradient = a * (-1.0 / (norm * norm * norm));
+        let horizontal2 = (a.x * a.x + a.y * a.y).max(1e-12);
+        let heading_gradient = Vector3::new(-a.y, a.x, 0.0) / horizontal2;
+        Some(NetEstimate {
+            distance_m: 1.0 / norm,
+            heading_rad: ssa(heading_rad + libm::atan2(a.y, a.x)),
+            distance_variance_m2: distance_gradient.dot(&(self.P * distance_gradient)),
+            heading_variance_rad2: heading_gradient.dot(&(self.P * heading_gradient)),
+            valid: true,
+        })
+    }
+
+    /// Forgets the plane.
+    pub fn restart(&mut self) {
+        self.known = false;
+        self.bad_pings = 0;
+    }
+
+    /// What the last ping said.
+    #[must_use]
+    pub fn report(&self) -> &PingReport {
+        &self.report
+    }
+
+    /// The plane.
+    #[must_use]
+    pub fn a(&self) -> &Vector3<f64> {
+        &self.a
+    }
+}

@@ -1,0 +1,336 @@
+//! Configuration files: found by name, read with overrides, refused with file, line, path, value and rule.
+
+use serde::Deserialize;
+use serde::de::DeserializeOwned;
+use std::path::{Path, PathBuf};
+use toml::{Table, Value};
+
+/// Configuration that can't be used.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum ConfigError {
+    /// A file that is not there.
+    #[error("{path}: no such {kind}; known: {known}")]
+    Missing {
+        /// Where it was looked for.
+        path: String,
+        /// What was looked for.
+        kind: String,
+        /// What there is instead.
+        known: String,
+    },
+    /// A file that can't be read.
+    #[error("{path}: {cause}")]
+    Unreadable {
+        /// The file.
+        path: String,
+        /// Why.
+        cause: String,
+    },
+    /// A place in a file that breaks a rule.
+    #[error("{path}:{line}:{column}: {message}")]
+    Place {
+        /// The file.
+        path: String,
+        /// Line, from 1.
+        line: usize,
+        /// Column, from 1.
+        column: usize,
+        /// Path of the value, the value and the rule.
+        message: String,
+    },
+    /// An override that breaks a rule.
+    #[error("--set {text}: {message}")]
+    Override {
+        /// As given.
+        text: String,
+        /// The rule.
+        message: String,
+    },
+    /// Pieces that are legal alone and do not fit together.
+    #[error("{path}: {message}")]
+    Combination {
+        /// The trial's file.
+        path: String,
+        /// The value and the rule.
+        message: String,
+    },
+}
+
+/// `--set section.path=value`: replaces one value of one file of a trial.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Override {
+    /// As given.
+    pub text: String,
+    section: String,
+    path: Vec<String>,
+    value: Value,
+}
+
+/// The files a trial is made of; the first word of an override.
+pub const SECTIONS: [&str; 8] =
+    ["trial", "vehicle", "environment", "sensors", "estimator", "guidance", "safety", "controller"];
+
+impl std::str::FromStr for Override {
+    type Err = ConfigError;
+
+    /// The value is TOML; what is not, is text.
+    fn from_str(text: &str) -> Result<Self, ConfigError> {
+        let error = |message: String| ConfigError::Override { text: text.to_owned(), message };
+        let (path, value) =
+            text.split_once('=').ok_or_else(|| error("must be written as section.path=value".to_owned()))?;
+        let mut path = path.trim().split('.').map(str::to_owned);
+        let section = path.next().unwrap_or_default();
+        let path: Vec<String> = path.collect();
+        if !SECTIONS.contains(&section.as_str()) {
+            return Err(error(format!(
+                "section `{section}`: must be one of {}{}",
+                SECTIONS.join(", "),
+                suggestion(&section, SECTIONS.iter().copied())
+            )));
+        }
+        if path.is_empty() || path.iter().any(String::is_empty) {
+            return Err(error("must name a value inside the section, such as trial.seed=2".to_owned()));
+        }
+        let value = value.trim();
+        let value = format!("value = {value}")
+            .parse::<Table>()
+            .ok()
+            .and_then(|mut table| table.remove("value"))
+            .unwrap_or_else(|| Value::String(value.to_owned()));
+        Ok(Self { text: text.to_owned(), section, path, value })
+    }
+}
+
+impl Override {
+    /// Puts the value in its place.
+    fn apply(&self, table: &mut Table) -> Result<(), ConfigError> {
+        let error = |message: String| ConfigError::Override { text: self.text.clone(), message };
+        let (last, parents) = self.path.split_last().ok_or_else(|| error("must name a value".to_owned()))?;
+        let mut here = Value::Table(std::mem::take(table));
+        let mut cursor = &mut here;
+        for (depth, key) in parents.iter().enumerate() {
+            cursor = match cursor {
+                Value::Table(table) => {
+                    let known: Vec<String> = table.keys().cloned().collect();
+                    table.get_mut(key).ok_or_else(|| {
+                        error(format!(
+                            "`{}` is not there{}",
+                            self.path[..=depth].join("."),
+                            suggestion(key, known.iter().map(String::as_str))
+                        ))
+                    })?
+                }
+                Value::Array(array) => {
+                    let count = array.len();
+                    key.parse::<usize>()
+                        .ok()
+                        .and_then(|i| array.get_mut(i))
+                        .ok_or_else(|| error(format!("`{key}`: must be an index below {count}")))?
+                }
+                _ => return Err(error(format!("`{}` is a value, not a table", self.path[..depth].join(".")))),
+            };
+        }
+        match cursor {
+            Value::Table(table) => {
+                table.insert(last.clone(), self.value.clone());
+            }
+            Value::Array(array) => {
+                let count = array.len();
+                let slot = last.parse::<usize>().ok().and_then(|i| array.get_mut(i));
+                *slot.ok_or_else(|| error(format!("`{last}`: must be an index below {count}")))? = self.value.clone();
+            }
+            _ => return Err(error(format!("`{}` is a value, not a table", parents.join(".")))),
+        }
+        if let Value::Table(done) = here {
+            *table = done;
+        }
+        Ok(())
+    }
+}
+
+/// `; did you mean …?` when something known is close enough.
+fn suggestion<'a>(word: &str, known: impl Iterator<Item = &'a str>) -> String {
+    known
+        .map(|candidate| (strsim::damerau_levenshtein(word, candidate), candidate))
+        .min()
+        .filter(|(distance, candidate)| *distance <= 1 + candidate.len() / 4)
+        .map_or_else(String::new, |(_, candidate)| format!("; did you mean `{candidate}`?"))
+}
+
+/// A folder of configuration files, and the overrides of this call.
+#[derive(Clone, Debug)]
+pub struct Library {
+    root: PathBuf,
+    overrides: Vec<Override>,
+}
+
+/// A file as it was understood.
+#[derive(Clone, Debug)]
+pub struct Loaded<T> {
+    /// The legal value.
+    pub value: T,
+    /// The same as a table, with the overrides applied: for recordings.
+    pub table: Table,
+    /// Where it came from.
+    pub path: PathBuf,
+}
+
+impl Library {
+    /// The folder with `trials/`, `vehicles/` and so on.
+    #[must_use]
+    pub fn new(root: impl Into<PathBuf>, overrides: Vec<Override>) -> Self {
+        Self { root: root.into(), overrides }
+    }
+
+    /// The folder.
+    #[must_use]
+    pub fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// Path of `name` in `folder`: a name stands for `<root>/<folder>/<name>.toml`, a path for itself.
+    #[must_use]
+    pub fn path(&self, folder: &str, name: &str) -> PathBuf {
+        if name.ends_with(".toml") || name.contains(std::path::MAIN_SEPARATOR) {
+            PathBuf::from(name)
+        } else {
+            self.root.join(folder).join(format!("{name}.toml"))
+        }
+    }
+
+    /// Names of the files in a folder, in alphabetical order.
+    #[must_use]
+    pub fn names(&self, folder: &str) -> Vec<String> {
+        let entries = std::fs::read_dir(self.root.join(folder)).into_iter().flatten().flatten();
+        let mut names: Vec<String> =
+            entries.filter_map(|entry| Some(entry.file_name().to_str()?.strip_suffix(".toml")?.to_owned())).collect();
+        names.sort();
+        names
+    }
+
+    /// Reads a file of a section with this call's overrides.
+    ///
+    /// # Errors
+    /// Names the file, the line and column, the path, the value and the rule.
+    pub fn load<T: DeserializeOwned>(&self, section: &str, folder: &str, name: &str) -> Result<Loaded<T>, ConfigError> {
+        let path = self.path(folder, name);
+        let shown = path.display().to_string();
+        let text = std::fs::read_to_string(&path).map_err(|cause| match cause.kind() {
+            std::io::ErrorKind::NotFound => {
+                let known = self.names(folder);
+                ConfigError::Missing {
+                    path: shown.clone(),
+                    kind: section.to_owned(),
+                    known: format!("{}{}", known.join(", "), suggestion(name, known.iter().map(String::as_str))),
+                }
+            }
+            _ => ConfigError::Unreadable { path: shown.clone(), cause: cause.to_string() },
+        })?;
+        let value: T = parse(&shown, &text)?;
+        let mut table: Table = parse(&shown, &text)?;
+        let mine: Vec<&Override> = self.overrides.iter().filter(|over| over.section == section).collect();
+        if mine.is_empty() {
+            return Ok(Loaded { value, table, path });
+        }
+        for over in mine {
+            over.apply(&mut table)?;
+            // One by one, so that an error names the override that broke the rule.
+            read::<T>(table.clone()).map_err(|message| ConfigError::Override { text: over.text.clone(), message })?;
+        }
+        let value = read(table.clone()).map_err(|message| ConfigError::Override { text: String::new(), message })?;
+        Ok(Loaded { value, table, path })
+    }
+}
+
+fn read<T: DeserializeOwned>(table: Table) -> Result<T, String> {
+    serde_path_to_error::deserialize(Value::Table(table))
+        .map_err(|error| described(&error.path().to_string(), error.inner().message()))
+}
+
+/// Reads a TOML text; errors point at the place.
+///
+/// # Errors
+/// Names the file, the line and column, the path, the value and the rule.
+pub fn parse<T: for<'de> Deserialize<'de>>(path: &str, text: &str) -> Result<T, ConfigError> {
+    let place = |error: &toml::de::Error, message: String| {
+        let start = error.span().map_or(0, |span| span.start).min(text.len());
+        let before = &text[..start];
+        ConfigError::Place {
+            path: path.to_owned(),
+            line: before.matches('\n').count() + 1,
+            column: before.chars().rev().take_while(|c| *c != '\n').count() + 1,
+            message,
+        }
+    };
+    let deserializer = toml::Deserializer::parse(text).map_err(|error| place(&error, error.message().to_owned()))?;
+    serde_path_to_error::deserialize(deserializer)
+        .map_err(|error| place(error.inner(), described(&error.path().to_string(), error.inner().message())))
+}
+
+/// `path: message`, with a suggestion when a key is unknown.
+fn described(path: &str, message: &str) -> String {
+    let message = message.trim();
+    let mut quoted = message.split('`').skip(1).step_by(2);
+    let hint = if message.starts_with("unknown field") || message.starts_with("unknown variant") {
+        quoted.next().map_or_else(String::new, |word| suggestion(word, quoted))
+    } else {
+        String::new()
+    };
+    if path.is_empty() || path == "." || path == "?" {
+        format!("{message}{hint}")
+    } else {
+        format!("{path}: {message}{hint}")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use supertwin_core::check::Positive;
+
+    #[derive(Debug, Deserialize)]
+    #[serde(deny_unknown_fields)]
+    #[allow(dead_code, reason = "read by the error messages only")]
+    struct Sample {
+        mass_kg: Positive,
+        inner: Inner,
+    }
+    #[derive(Debug, Deserialize)]
+    #[serde(deny_unknown_fields)]
+    #[allow(dead_code, reason = "read by the error messages only")]
+    struct Inner {
+        gain: f64,
+    }
+
+    fn message(text: &str) -> String {
+        parse::<Sample>("x.toml", text).expect_err("must be refused").to_string()
+    }
+
+    #[test]
+    fn errors_name_file_place_path_value_and_rule() {
+        let negative = message("mass_kg = -5.0\n[inner]\ngain = 1.0\n");
+        assert_eq!(negative, "x.toml:1:11: mass_kg: -5: must be positive and finite");
+        let nan = message("mass_kg = nan\n[inner]\ngain = 1.0\n");
+        assert!(nan.starts_with("x.toml:1:11: mass_kg: NaN: must be positive"), "{nan}");
+        let unknown = message("mass_kg = 1.0\n[inner]\ngian = 1.0\n");
+        assert!(unknown.starts_with("x.toml:3:1: inner"), "{unknown}");
+        assert!(unknown.contains("unknown field `gian`") && unknown.ends_with("did you mean `gain`?"), "{unknown}");
+        let kind = message("mass_kg = \"heavy\"\n[inner]\ngain = 1.0\n");
+        assert!(kind.starts_with("x.toml:1:11: mass_kg: invalid type: string \"heavy\""), "{kind}");
+        let syntax = message("mass_kg = \n");
+        assert!(syntax.starts_with("x.toml:1:"), "{syntax}");
+    }
+
+    #[test]
+    fn overrides_replace_values_and_name_themselves_in_errors() {
+        let over: Override = "vehicle.inner.gain=2.5".parse().expect("legal");
+        let mut table: Table = "mass_kg = 1.0\n[inner]\ngain = 1.0\n".parse().expect("TOML");
+        over.apply(&mut table).expect("applies");
+        assert_eq!(table["inner"]["gain"].as_float(), Some(2.5));
+        let unknown = "vehicles.mass_kg=1".parse::<Override>().expect_err("unknown section").to_string();
+        assert!(unknown.contains("did you mean `vehicle`?"), "{unknown}");
+        let nowhere: Override = "vehicle.outer.gain=2.5".parse().expect("legal");
+        let error = nowhere.apply(&mut table).expect_err("nowhere").to_string();
+        assert!(error.contains("--set vehicle.outer.gain=2.5: `outer` is not there"), "{error}");
+    }
+}

@@ -1,0 +1,17 @@
+//! What the paper measured in the field: table IV.
+
+use supertwin_gnc::control::PaperColumn;
+
+/// Names of the rows, as in [`crate::score::QUANTITIES`].
+pub const ROWS: [&str; 6] =
+    ["Distance to net [m]", "Total speed [m/s]", "Surge [m/s]", "Sway [m/s]", "Depth [m]", "Heading [rad]"];
+
+/// Root-mean-square errors of one case study: distance, total speed, surge, sway, depth, heading.
+#[must_use]
+pub fn table_iv(column: PaperColumn) -> [f64; 6] {
+    match column {
+        PaperColumn::Gsta => [0.402, 0.078, 0.054, 0.077, 0.143, 0.090],
+        PaperColumn::Agsta => [0.681, 0.055, 0.035, 0.046, 0.113, 0.097],
+        PaperColumn::Pid => [0.820, 0.114, 0.048, 0.103, 0.078, 0.145],
+    }
+}

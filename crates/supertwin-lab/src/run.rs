@@ -1,0 +1,184 @@
+//! A seeded run from start to scores, into any sink.
+
+use crate::config::ConfigError;
+use crate::mission::Mission;
+use crate::score::{LawSample, Scorer, Scores, Tracking};
+use crate::trial::ResolvedTrial;
+use crate::twin::{NonFinite, Twin};
+use std::borrow::Cow;
+use supertwin_core::digest::{DigestProbe, RunDigest};
+use supertwin_core::run::{Properties, Property, Scene, Severity};
+use supertwin_core::{Event, Observe, RunHeader, RunSink, SinkError, Tick};
+use supertwin_model::SonarArray;
+use supertwin_plant::cage::Cage;
+
+/// Result of a run.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RunOutcome {
+    /// Scores over the trial's window.
+    pub scores: Scores,
+    /// State hash.
+    pub digest: RunDigest,
+    /// Ticks done.
+    pub ticks: u64,
+    /// False when it was stopped before its end.
+    pub complete: bool,
+    /// Warnings among the events.
+    pub warnings: u64,
+}
+
+/// A run that could not be done.
+#[derive(Debug, thiserror::Error)]
+pub enum RunError {
+    /// The pieces do not fit together.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// The recording can't be written.
+    #[error(transparent)]
+    Sink(#[from] SinkError),
+    /// A quantity is no number.
+    #[error(transparent)]
+    NonFinite(#[from] NonFinite),
+}
+
+/// Ticks between two looks at whether to go on.
+const BREATH_TICKS: u64 = 256;
+
+/// Runs `trial` with `seed` into `sink`.
+///
+/// `go_on` is called now and then with the ticks done; the run ends early, properly, when it returns false.
+///
+/// # Errors
+/// When the trial can't be built, the sink can't keep it, or a quantity is no number.
+pub fn run<S: RunSink>(
+    trial: &ResolvedTrial,
+    seed: u64,
+    sink: &mut S,
+    recording: bool,
+    mut go_on: impl FnMut(u64) -> bool,
+) -> Result<RunOutcome, RunError> {
+    let dt_s = trial.trial.tick_s.get();
+    let mut twin = Twin::new(trial, seed)?;
+    let mut mission = Mission::new(&trial.trial.mission, dt_s);
+    let mut scorer = Scorer::new(trial.score_from_tick(), trial.ticks(), dt_s);
+    let mut probe = DigestProbe::default();
+    let (mut warnings, mut ticks) = (0, 0);
+    if recording {
+        sink.begin(&header(trial, seed)?)?;
+    }
+    for k in 0..trial.ticks() {
+        if k.is_multiple_of(BREATH_TICKS) && !go_on(k) {
+            break;
+        }
+        let tick = Tick { k, dt_s };
+        if recording {
+            sink.tick(tick)?;
+        }
+        while let Some(command) = mission.due(tick) {
+            let refusal = twin.command(tick, command).err();
+            if recording || refusal.is_some() {
+                let event = command_event(k, command, refusal.as_ref());
+                warnings += u64::from(event.severity > Severity::Info);
+                sink.event(&event)?;
+            }
+        }
+        twin.step(tick);
+        twin.digest(tick, &mut probe)?;
+        let tracking = Tracking::new(twin.nav(), twin.reference(), twin.truth());
+        let law = twin.controller().law();
+        let sample = LawSample { k1: law.k1(), sigma: law.sigma(), alpha_tol: law.alpha_tol() };
+        scorer.add(tick, &tracking, twin.thrust(), &twin.truth().wrench, &sample);
+        warnings += twin.events().iter().filter(|event| event.severity > Severity::Info).count() as u64;
+        if recording {
+            twin.observe(sink);
+            tracking.observe(sink);
+            for event in twin.events() {
+                sink.event(event)?;
+            }
+        }
+        ticks = k + 1;
+    }
+    let outcome = RunOutcome {
+        scores: scorer.scores(),
+        digest: twin.run_digest(),
+        ticks,
+        complete: ticks == trial.ticks(),
+        warnings,
+    };
+    if recording {
+        sink.finish(&results(&outcome))?;
+    }
+    Ok(outcome)
+}
+
+fn command_event(
+    k: u64,
+    command: &supertwin_core::command::Command,
+    refusal: Option<&supertwin_core::Refusal>,
+) -> Event {
+    let said = serde_json::to_string(command).unwrap_or_else(|error| error.to_string());
+    let (severity, text) = match refusal {
+        None => (Severity::Info, format!("command applied: {said}")),
+        Some(refusal) => (Severity::Error, format!("command refused: {said}: {refusal}")),
+    };
+    Event { tick: k, service: Cow::Borrowed("mission"), severity, text: Cow::Owned(text) }
+}
+
+/// Name of a run: trial, controller, seed.
+#[must_use]
+pub fn run_name(trial: &ResolvedTrial, seed: u64) -> String {
+    if trial.name == trial.controller_name || trial.name.ends_with(&format!("-{}", trial.controller_name)) {
+        format!("{}-seed{seed}", trial.name)
+    } else {
+        format!("{}-{}-seed{seed}", trial.name, trial.controller_name)
+    }
+}
+
+/// Everything that is needed to repeat the run, and to draw it.
+fn header(trial: &ResolvedTrial, seed: u64) -> Result<RunHeader, ConfigError> {
+    let mut properties = Properties::new();
+    let mut set = |name: &str, value: Property| properties.insert(name.to_owned(), value);
+    set("trial", trial.name.as_str().into());
+    set("controller", trial.controller_name.as_str().into());
+    set("law", trial.controller.law.name().into());
+    set("vehicle", trial.trial.vehicle.as_str().into());
+    set("environment", trial.trial.environment.as_str().into());
+    set("placement", "batch".into());
+    set("seed", seed.into());
+    set("tick_s", trial.trial.tick_s.get().into());
+    set("duration_s", trial.trial.duration_s.get().into());
+    set("score_from_s", trial.trial.score.from_s.get().into());
+    set("version", env!("CARGO_PKG_VERSION").into());
+    set("git_commit", option_env!("SUPERTWIN_GIT_COMMIT").unwrap_or("unknown").into());
+    set("config", trial.text.as_str().into());
+    Ok(RunHeader { name: run_name(trial, seed), properties, scene: scene(trial, seed)? })
+}
+
+fn results(outcome: &RunOutcome) -> Properties {
+    let mut properties = outcome.scores.properties();
+    properties.insert("hash".to_owned(), outcome.digest.to_string().into());
+    properties.insert("ticks".to_owned(), outcome.ticks.into());
+    properties.insert("complete".to_owned(), u64::from(outcome.complete).into());
+    properties.insert("warnings".to_owned(), outcome.warnings.into());
+    properties
+}
+
+/// The net at rest as rings and verticals, the vehicle as a box.
+fn scene(trial: &ResolvedTrial, seed: u64) -> Result<Scene, ConfigError> {
+    let config = &trial.environment.cage;
+    let cage = Cage::new(config, seed)
+        .map_err(|message| ConfigError::Combination { path: trial.path.display().to_string(), message })?;
+    let point = |i: u32, n: u32, depth_m: f64| {
+        let (sin, cos) = libm::sincos(core::f64::consts::TAU * f64::from(i) / f64::from(n));
+        let radius_m = cage.radius([cos, sin], depth_m);
+        [radius_m * cos, radius_m * sin, depth_m]
+    };
+    let bottom_m = config.depth_m.get();
+    let rings = (0..=5).map(|ring| (0..=240).map(|i| point(i, 240, bottom_m * f64::from(ring) / 5.0)).collect());
+    let verticals = (0..48).map(|i| (0..=10).map(|j| point(i, 48, bottom_m * f64::from(j) / 10.0)).collect());
+    Ok(Scene {
+        net_lines_m: rings.chain(verticals).collect(),
+        body_half_size_m: trial.vehicle.size_m.map(|size| size.get() / 2.0),
+        beams: SonarArray::new(trial.sensors.dvl.beam_angle_rad.get()).beams().map(Into::into),
+    })
+}

@@ -1,0 +1,338 @@
+//! Scores of a run: errors of measured and of true signals, and what they cost.
+
+use serde::{Deserialize, Serialize};
+use supertwin_core::frame::ssa;
+use supertwin_core::message::{Nav, Reference, Thrust, Truth};
+use supertwin_core::run::Properties;
+use supertwin_core::{Axes, Observe, Probe, Signal, Tick, Wrench};
+
+/// Number of scored quantities.
+pub const QUANTITIES: usize = 6;
+
+/// Names of the scored quantities, in the order of the paper's table IV.
+pub const QUANTITY_NAMES: [&str; QUANTITIES] =
+    ["distance_m", "speed_m_per_s", "surge_m_per_s", "sway_m_per_s", "depth_m", "heading_rad"];
+
+/// The six quantities of the paper's figures at one tick, three times.
+///
+/// Measured is what the estimator says, as the paper's curves must be; distance is held against its set-point and
+/// total speed against `U_d`, the others against the output of the reference models.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Tracking {
+    /// As estimated.
+    pub measured: [f64; QUANTITIES],
+    /// As wanted.
+    pub reference: [f64; QUANTITIES],
+    /// As it is.
+    pub truth: [f64; QUANTITIES],
+}
+
+impl Tracking {
+    /// From the messages of one tick.
+    #[must_use]
+    pub fn new(nav: &Nav, reference: &Reference, truth: &Truth) -> Self {
+        let speed = |u: f64, v: f64| libm::sqrt(u * u + v * v);
+        let (v, t) = (&nav.velocity, &truth.velocity);
+        Self {
+            measured: [
+                nav.net.distance_m,
+                speed(v.surge_m_per_s, v.sway_m_per_s),
+                v.surge_m_per_s,
+                v.sway_m_per_s,
+                nav.depth_m,
+                nav.heading_rad,
+            ],
+            reference: [
+                reference.net_distance_m,
+                reference.speed_m_per_s.abs(),
+                reference.surge_m_per_s,
+                reference.sway_m_per_s,
+                reference.depth_m,
+                reference.heading_rad,
+            ],
+            truth: [
+                truth.net_distance_m,
+                speed(t.surge_m_per_s, t.sway_m_per_s),
+                t.surge_m_per_s,
+                t.sway_m_per_s,
+                truth.depth_m,
+                truth.heading_rad,
+            ],
+        }
+    }
+
+    /// `value − reference`, the heading the short way round.
+    fn error(&self, value: &[f64; QUANTITIES]) -> [f64; QUANTITIES] {
+        let mut error: [f64; QUANTITIES] = core::array::from_fn(|i| value[i] - self.reference[i]);
+        error[QUANTITIES - 1] = ssa(error[QUANTITIES - 1]);
+        error
+    }
+}
+
+const THREE: &[&str] = &["measured", "reference", "true"];
+static TRACKING: [Signal; QUANTITIES] = [
+    Signal { path: "tracking/distance", components: THREE, units: &["m"], about: "distance to the net" },
+    Signal { path: "tracking/speed", components: THREE, units: &["m/s"], about: "total speed" },
+    Signal { path: "tracking/surge", components: THREE, units: &["m/s"], about: "surge" },
+    Signal { path: "tracking/sway", components: THREE, units: &["m/s"], about: "sway" },
+    Signal { path: "tracking/depth", components: THREE, units: &["m"], about: "depth" },
+    Signal { path: "tracking/heading", components: THREE, units: &["rad"], about: "heading" },
+];
+
+impl Observe for Tracking {
+    fn observe<P: Probe>(&self, probe: &mut P) {
+        for (i, signal) in TRACKING.iter().enumerate() {
+            probe.vector(signal, &[self.measured[i], self.reference[i], self.truth[i]]);
+        }
+    }
+}
+
+/// One number per scored quantity.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[allow(missing_docs, reason = "the field names carry quantity and unit")]
+pub struct PerQuantity {
+    pub distance_m: f64,
+    pub speed_m_per_s: f64,
+    pub surge_m_per_s: f64,
+    pub sway_m_per_s: f64,
+    pub depth_m: f64,
+    pub heading_rad: f64,
+}
+
+impl From<[f64; QUANTITIES]> for PerQuantity {
+    fn from(v: [f64; QUANTITIES]) -> Self {
+        let [distance_m, speed_m_per_s, surge_m_per_s, sway_m_per_s, depth_m, heading_rad] = v;
+        Self { distance_m, speed_m_per_s, surge_m_per_s, sway_m_per_s, depth_m, heading_rad }
+    }
+}
+
+impl PerQuantity {
+    /// In the order of the paper's table IV.
+    #[must_use]
+    pub fn to_array(self) -> [f64; QUANTITIES] {
+        [self.distance_m, self.speed_m_per_s, self.surge_m_per_s, self.sway_m_per_s, self.depth_m, self.heading_rad]
+    }
+}
+
+/// Scores of a run over its window.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Scores {
+    /// Root-mean-square error of the estimated signals: the paper's table IV.
+    pub measured: PerQuantity,
+    /// Root-mean-square error of the true signals.
+    #[serde(rename = "true")]
+    pub truth: PerQuantity,
+    /// Mean error of the estimated signals.
+    pub measured_bias: PerQuantity,
+    /// Mean error of the true signals.
+    pub true_bias: PerQuantity,
+    /// Largest error of the estimated signals.
+    pub measured_max: PerQuantity,
+    /// Largest error of the true signals.
+    pub true_max: PerQuantity,
+    /// Mean sway error of the estimated signals in the direction of travel: negative when it lags behind.
+    pub sway_bias_in_travel_direction_m_per_s: f64,
+    /// Root-mean-square of the allocated wrench, in N and N m.
+    pub effort: Axes<f64>,
+    /// Total variation of the requested wrench per second, in N/s and N m/s.
+    pub chattering: Axes<f64>,
+    /// Total variation per second of the wrench that the thrusters really made, in N/s and N m/s.
+    pub activity: Axes<f64>,
+    /// Largest requested force, in N and N m.
+    pub requested_max: Axes<f64>,
+    /// Share of time in which allocation changed the axis.
+    pub saturated_share: Axes<f64>,
+    /// Share of time with |σ| ≥ α_tol; absent for laws that do not adapt.
+    pub outside_alpha_tol_share: Option<Axes<f64>>,
+    /// k1 at the end; zero for laws without.
+    pub k1_end: Axes<f64>,
+    /// Slope of k1 over the second half of the window, per second.
+    pub k1_slope_per_s: Axes<f64>,
+    /// Root-mean-square error of the estimate itself: estimated minus true.
+    pub estimation: PerQuantity,
+    /// Seconds that were scored.
+    pub window_s: f64,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct ErrorSums {
+    square: [f64; QUANTITIES],
+    sum: [f64; QUANTITIES],
+    max: [f64; QUANTITIES],
+}
+
+impl ErrorSums {
+    fn add(&mut self, error: &[f64; QUANTITIES]) {
+        for (i, e) in error.iter().enumerate() {
+            self.square[i] += e * e;
+            self.sum[i] += e;
+            self.max[i] = self.max[i].max(e.abs());
+        }
+    }
+    fn rms(&self, n: f64) -> PerQuantity {
+        self.square.map(|square| libm::sqrt(square / n)).into()
+    }
+    fn mean(&self, n: f64) -> PerQuantity {
+        self.sum.map(|sum| sum / n).into()
+    }
+}
+
+/// Adds a run up, tick by tick, in one fixed order: the same numbers from the run and from its recording.
+#[derive(Clone, Debug)]
+pub struct Scorer {
+    from_tick: u64,
+    middle_tick: u64,
+    n: u64,
+    dt_s: f64,
+    measured: ErrorSums,
+    truth: ErrorSums,
+    estimation: ErrorSums,
+    travel: f64,
+    effort: [f64; 4],
+    variation: [f64; 4],
+    activity: [f64; 4],
+    requested_max: [f64; 4],
+    limited: [u64; 4],
+    outside: [u64; 4],
+    adaptive: bool,
+    last: Option<[[f64; 4]; 2]>,
+    k1_middle: [f64; 4],
+    k1: [f64; 4],
+}
+
+/// What the scorer needs to know of the law at a tick.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct LawSample {
+    /// Gains k1.
+    pub k1: [f64; 4],
+    /// Sliding variable, of laws that have one.
+    pub sigma: Option<[f64; 4]>,
+    /// `α_tol`, of laws that adapt.
+    pub alpha_tol: Option<[f64; 4]>,
+}
+
+impl Scorer {
+    /// Scores the ticks `from_tick..to_tick`.
+    #[must_use]
+    pub fn new(from_tick: u64, to_tick: u64, dt_s: f64) -> Self {
+        Self {
+            from_tick,
+            middle_tick: from_tick.midpoint(to_tick),
+            n: 0,
+            dt_s,
+            measured: ErrorSums::default(),
+            truth: ErrorSums::default(),
+            estimation: ErrorSums::default(),
+            travel: 0.0,
+            effort: [0.0; 4],
+            variation: [0.0; 4],
+            activity: [0.0; 4],
+            requested_max: [0.0; 4],
+            limited: [0; 4],
+            outside: [0; 4],
+            adaptive: false,
+            last: None,
+            k1_middle: [0.0; 4],
+            k1: [0.0; 4],
+        }
+    }
+
+    /// Adds one tick; `made` is the wrench that the thrusters really made.
+    pub fn add(&mut self, tick: Tick, tracking: &Tracking, thrust: &Thrust, made: &Wrench, law: &LawSample) {
+        let requested = thrust.requested.to_array();
+        let made = made.to_array();
+        let last = self.last.replace([requested, made]);
+        if tick.k < self.from_tick {
+            return;
+        }
+        self.n += 1;
+        let measured = tracking.error(&tracking.measured);
+        self.measured.add(&measured);
+        self.truth.add(&tracking.error(&tracking.truth));
+        let mut estimation: [f64; QUANTITIES] = core::array::from_fn(|i| tracking.measured[i] - tracking.truth[i]);
+        estimation[QUANTITIES - 1] = ssa(estimation[QUANTITIES - 1]);
+        self.estimation.add(&estimation);
+        // Reference sway tells the direction of travel; where it passes through zero there is none.
+        let direction = supertwin_gnc::control::super_twisting::sgn(tracking.reference[3]);
+        self.travel += direction * measured[3];
+        let allocated = thrust.allocated.to_array();
+        let limited = thrust.limited.to_array();
+        for i in 0..4 {
+            self.effort[i] += allocated[i] * allocated[i];
+            self.requested_max[i] = self.requested_max[i].max(requested[i].abs());
+            if let Some([last_requested, last_made]) = last {
+                self.variation[i] += (requested[i] - last_requested[i]).abs();
+                self.activity[i] += (made[i] - last_made[i]).abs();
+            }
+            self.limited[i] += u64::from(limited[i]);
+        }
+        if let (Some(sigma), Some(alpha_tol)) = (law.sigma, law.alpha_tol) {
+            self.adaptive = true;
+            for i in 0..4 {
+                self.outside[i] += u64::from(sigma[i].abs() >= alpha_tol[i]);
+            }
+        }
+        self.k1 = law.k1;
+        if tick.k <= self.middle_tick {
+            self.k1_middle = law.k1;
+        }
+    }
+
+    /// The scores so far.
+    #[must_use]
+    pub fn scores(&self) -> Scores {
+        let n = (self.n.max(1)) as f64;
+        let window_s = n * self.dt_s;
+        let share = |counts: [u64; 4]| Axes::from(counts.map(|count| count as f64 / n));
+        let half_s = (0.5 * window_s).max(self.dt_s);
+        Scores {
+            measured: self.measured.rms(n),
+            truth: self.truth.rms(n),
+            measured_bias: self.measured.mean(n),
+            true_bias: self.truth.mean(n),
+            measured_max: self.measured.max.into(),
+            true_max: self.truth.max.into(),
+            sway_bias_in_travel_direction_m_per_s: self.travel / n,
+            effort: Axes::from(self.effort.map(|square| libm::sqrt(square / n))),
+            chattering: Axes::from(self.variation.map(|total| total / window_s)),
+            activity: Axes::from(self.activity.map(|total| total / window_s)),
+            requested_max: Axes::from(self.requested_max),
+            saturated_share: share(self.limited),
+            outside_alpha_tol_share: self.adaptive.then(|| share(self.outside)),
+            k1_end: Axes::from(self.k1),
+            k1_slope_per_s: Axes::from(core::array::from_fn(|i| (self.k1[i] - self.k1_middle[i]) / half_s)),
+            estimation: self.estimation.rms(n),
+            window_s,
+        }
+    }
+}
+
+impl Scores {
+    /// As properties of a recording: `measured.distance_m` and so on.
+    #[must_use]
+    pub fn properties(&self) -> Properties {
+        let mut properties = Properties::new();
+        // The scores are plain numbers by name: their JSON tree is the list of their properties.
+        if let Ok(serde_json::Value::Object(tree)) = serde_json::to_value(self) {
+            flatten("", &tree, &mut properties);
+        }
+        properties
+    }
+}
+
+fn flatten(prefix: &str, tree: &serde_json::Map<String, serde_json::Value>, out: &mut Properties) {
+    for (key, value) in tree {
+        let path = if prefix.is_empty() { key.clone() } else { format!("{prefix}.{key}") };
+        match value {
+            serde_json::Value::Object(inner) => flatten(&path, inner, out),
+            serde_json::Value::Number(number) => {
+                if let Some(number) = number.as_f64() {
+                    out.insert(path, number.into());
+                }
+            }
+            _ => {}
+        }
+    }
+}

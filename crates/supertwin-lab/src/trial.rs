@@ -1,0 +1,250 @@
+//! Trials: which vehicle, sea, sensors, estimator, guidance, controllers, mission and seed; and how they become a twin.
+
+use crate::config::{ConfigError, Library, Loaded};
+use crate::mission::MissionStep;
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+use supertwin_core::check::{Fraction, NonNegative, Positive};
+use supertwin_gnc::control::{ControllerLimits, FallbackConfig};
+use supertwin_gnc::estimator::EstimatorLimits;
+use supertwin_gnc::{ControllerConfig, EstimatorConfig, GuidanceConfig};
+use supertwin_model::{HydrodynamicsConfig, ThrusterConfig};
+use supertwin_plant::{EnvironmentConfig, PropulsionConfig, SensorsConfig, StartConfig, UnmodelledConfig};
+
+/// A trial file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TrialConfig {
+    /// What it is and where its numbers come from.
+    pub description: String,
+    /// File in `vehicles/`.
+    pub vehicle: String,
+    /// File in `environments/`.
+    pub environment: String,
+    /// File in `sensors/`.
+    pub sensors: String,
+    /// File in `estimators/`.
+    pub estimator: String,
+    /// File in `guidance/`.
+    pub guidance: String,
+    /// File in `safety/`.
+    pub safety: String,
+    /// Files in `controllers/`: one run for each.
+    pub controllers: Vec<String>,
+    /// Further laws that a command may hand over to.
+    pub standby: Option<Vec<String>>,
+    /// Seed of all random streams.
+    pub seed: u64,
+    /// Length of the run.
+    pub duration_s: Positive,
+    /// Length of a tick.
+    pub tick_s: Positive,
+    /// Runge-Kutta steps per tick.
+    pub substeps: u32,
+    /// Half-width of the uniform error of every nominal parameter, drawn per seed.
+    pub nominal_spread: Fraction,
+    /// Where the vehicle starts.
+    pub start: StartConfig,
+    /// What is scored.
+    pub score: ScoreWindow,
+    /// Timed commands.
+    pub mission: Vec<MissionStep>,
+}
+
+/// The part of a run that is scored.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ScoreWindow {
+    /// From here to the end.
+    pub from_s: NonNegative,
+}
+
+/// A vehicle file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct VehicleConfig {
+    /// What it is and where its numbers come from.
+    pub description: String,
+    /// Length, breadth, height, for drawing.
+    pub size_m: [Positive; 3],
+    /// True parameters: the plant's.
+    #[serde(rename = "true")]
+    pub truth: HydrodynamicsConfig,
+    /// Nominal parameters: the brain's.
+    pub nominal: HydrodynamicsConfig,
+    /// What no nominal model contains.
+    pub unmodelled: UnmodelledConfig,
+    /// Thruster dynamics.
+    pub propulsion: PropulsionConfig,
+    /// The thrusters.
+    pub thruster: Vec<ThrusterConfig>,
+}
+
+/// A safety file: how old inputs may get, and what then.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SafetyConfig {
+    /// What it is and where its numbers come from.
+    pub description: String,
+    /// The plant: a thrust command older than this means neutral.
+    pub plant: PlantLimits,
+    /// The estimator.
+    pub estimator: EstimatorLimits,
+    /// Guidance.
+    pub guidance: GuidanceLimits,
+    /// The controller.
+    pub controller: ControllerLimits,
+    /// How the vehicle brakes when guidance is silent.
+    pub fallback: FallbackConfig,
+}
+
+/// Ages of the plant's inputs.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PlantLimits {
+    /// Of the thrust command.
+    pub thrust_s: NonNegative,
+}
+
+/// Ages of guidance's inputs.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GuidanceLimits {
+    /// Of navigation: the reference stops moving.
+    pub nav_s: NonNegative,
+}
+
+/// A trial with all its files read: one controller, ready to be built for any seed.
+#[derive(Clone, Debug)]
+pub struct ResolvedTrial {
+    /// Name of the trial: the file's stem.
+    pub name: String,
+    /// The trial's file.
+    pub path: PathBuf,
+    /// The trial.
+    pub trial: TrialConfig,
+    /// The vehicle.
+    pub vehicle: VehicleConfig,
+    /// Sea and pen.
+    pub environment: EnvironmentConfig,
+    /// Sensors.
+    pub sensors: SensorsConfig,
+    /// Estimator.
+    pub estimator: EstimatorConfig,
+    /// Guidance.
+    pub guidance: GuidanceConfig,
+    /// Stale inputs.
+    pub safety: SafetyConfig,
+    /// Name of the controller of this run.
+    pub controller_name: String,
+    /// The controller of this run.
+    pub controller: ControllerConfig,
+    /// Laws to hand over to.
+    pub standby: Vec<(String, ControllerConfig)>,
+    /// Everything as one TOML text, overrides applied: what a recording keeps.
+    pub text: String,
+}
+
+/// Reads a trial: one resolved trial per controller.
+///
+/// # Errors
+/// The first thing that is wrong, with its place.
+pub fn load(library: &Library, name: &str) -> Result<Vec<ResolvedTrial>, ConfigError> {
+    let trial: Loaded<TrialConfig> = library.load("trial", "trials", name)?;
+    let config = &trial.value;
+    let wrong = |message: String| ConfigError::Combination { path: trial.path.display().to_string(), message };
+    if config.controllers.is_empty() {
+        return Err(wrong("controllers = []: must name at least one controller".to_owned()));
+    }
+    if !(1..=1000).contains(&config.substeps) {
+        return Err(wrong(format!("substeps = {}: must be between 1 and 1000", config.substeps)));
+    }
+    if config.tick_s.get() > 1.0 {
+        return Err(wrong(format!("tick_s = {}: must be at most 1", config.tick_s.get())));
+    }
+    if config.score.from_s.get() >= config.duration_s.get() {
+        return Err(wrong(format!(
+            "score.from_s = {}: must be less than duration_s = {}",
+            config.score.from_s.get(),
+            config.duration_s.get()
+        )));
+    }
+    let vehicle: Loaded<VehicleConfig> = library.load("vehicle", "vehicles", &config.vehicle)?;
+    let environment: Loaded<EnvironmentConfig> = library.load("environment", "environments", &config.environment)?;
+    let sensors: Loaded<SensorsConfig> = library.load("sensors", "sensors", &config.sensors)?;
+    let estimator: Loaded<EstimatorConfig> = library.load("estimator", "estimators", &config.estimator)?;
+    let guidance: Loaded<GuidanceConfig> = library.load("guidance", "guidance", &config.guidance)?;
+    let safety: Loaded<SafetyConfig> = library.load("safety", "safety", &config.safety)?;
+    let mut standby = Vec::new();
+    for name in config.standby.iter().flatten() {
+        let law: Loaded<ControllerConfig> = library.load("standby", "controllers", name)?;
+        standby.push((stem(&law.path), law.value));
+    }
+    let mut resolved = Vec::with_capacity(config.controllers.len());
+    for name in &config.controllers {
+        let controller: Loaded<ControllerConfig> = library.load("controller", "controllers", name)?;
+        let mut text = toml::Table::new();
+        for (section, table) in [
+            ("trial", &trial.table),
+            ("vehicle", &vehicle.table),
+            ("environment", &environment.table),
+            ("sensors", &sensors.table),
+            ("estimator", &estimator.table),
+            ("guidance", &guidance.table),
+            ("safety", &safety.table),
+            ("controller", &controller.table),
+        ] {
+            text.insert(section.to_owned(), toml::Value::Table(table.clone()));
+        }
+        let one = ResolvedTrial {
+            name: stem(&trial.path),
+            path: trial.path.clone(),
+            trial: config.clone(),
+            vehicle: vehicle.value.clone(),
+            environment: environment.value.clone(),
+            sensors: sensors.value.clone(),
+            estimator: estimator.value.clone(),
+            guidance: guidance.value.clone(),
+            safety: safety.value.clone(),
+            controller_name: stem(&controller.path),
+            controller: controller.value,
+            standby: standby.clone(),
+            text: text.to_string(),
+        };
+        one.check()?;
+        resolved.push(one);
+    }
+    Ok(resolved)
+}
+
+fn stem(path: &Path) -> String {
+    path.file_stem().map_or_else(|| "unnamed".to_owned(), |stem| stem.to_string_lossy().into_owned())
+}
+
+impl ResolvedTrial {
+    /// Number of ticks of a run.
+    #[must_use]
+    pub fn ticks(&self) -> u64 {
+        supertwin_core::Tick::at_or_after(self.trial.duration_s.get(), self.trial.tick_s.get())
+    }
+
+    /// First tick that is scored.
+    #[must_use]
+    pub fn score_from_tick(&self) -> u64 {
+        supertwin_core::Tick::at_or_after(self.trial.score.from_s.get(), self.trial.tick_s.get())
+    }
+
+    /// Builds the twin once and tries every command of the mission on it, so that nothing is refused half-way.
+    fn check(&self) -> Result<(), ConfigError> {
+        let mut twin = crate::Twin::new(self, self.trial.seed)?;
+        let mission = crate::mission::Mission::new(&self.trial.mission, self.trial.tick_s.get());
+        for (k, command) in mission.steps() {
+            let tick = supertwin_core::Tick { k: *k, dt_s: self.trial.tick_s.get() };
+            twin.command(tick, command).map_err(|refusal| ConfigError::Combination {
+                path: self.path.display().to_string(),
+                message: format!("mission at {:.2} s: {refusal}", tick.t_s()),
+            })?;
+        }
+        Ok(())
+    }
+}

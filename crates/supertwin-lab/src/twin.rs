@@ -1,0 +1,380 @@
+//! The ring: plant, estimator, guidance and controller in lock step, in one process.
+#![allow(non_snake_case, reason = "matrices are capitals, as in the book")]
+
+use crate::config::ConfigError;
+use crate::trial::ResolvedTrial;
+use crate::wire::Wire;
+use arrayvec::ArrayVec;
+use nalgebra::Vector4;
+use std::borrow::Cow;
+use supertwin_core::command::{Command, LinkCommand, Wire as WireName};
+use supertwin_core::digest::{DigestProbe, RunDigest, block_digest};
+use supertwin_core::message::{Measurements, Nav, NavHealth, Reference, Thrust, Truth, WrenchRequest};
+use supertwin_core::random::Stream;
+use supertwin_core::run::Severity;
+use supertwin_core::{Block, Event, Observe, Prev, Probe, Refusal, Signal, Tick};
+use supertwin_gnc::control::ControllerSetup;
+use supertwin_gnc::guidance::{GuidanceInput, OperatorLink};
+use supertwin_gnc::{Allocation, Controller, ControllerInput, Estimator, EstimatorInput, Guidance};
+use supertwin_model::{Hydrodynamics, Thrusters};
+use supertwin_plant::{Plant, PlantConfig};
+
+/// Events that one tick can have; more are counted.
+const MAX_EVENTS: usize = 16;
+
+/// A quantity that is no number: the run stops here.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("tick {k}: {path} is NaN or infinite")]
+pub struct NonFinite {
+    /// When.
+    pub k: u64,
+    /// What.
+    pub path: &'static str,
+}
+
+/// The four blocks and their wires.
+#[derive(Clone, Debug)]
+pub struct Twin {
+    plant: Plant,
+    estimator: Estimator,
+    guidance: Guidance,
+    controller: Controller,
+    measurements: Wire<Measurements>,
+    nav: Wire<Nav>,
+    reference: Wire<Reference>,
+    thrust: Wire<Thrust>,
+    wrench_request: Wire<WrenchRequest>,
+    now: Outputs,
+    digests: [u64; 4],
+    run_digest: RunDigest,
+    events: ArrayVec<Event, MAX_EVENTS>,
+    events_dropped: u64,
+    watched: Watched,
+}
+
+/// What the blocks put out at the last tick, whether or not it got through.
+#[derive(Clone, Debug, Default)]
+struct Outputs {
+    measurements: Measurements,
+    nav: Nav,
+    reference: Reference,
+    thrust: Thrust,
+}
+
+/// Words and flags whose change is an event.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Watched {
+    mode: &'static str,
+    reason: &'static str,
+    status: &'static str,
+    health: NavHealth,
+    net_valid: bool,
+}
+
+impl Twin {
+    /// Builds the blocks of a trial for one seed. The nominal model is drawn from the stream `nominal`.
+    ///
+    /// # Errors
+    /// When pieces that are legal alone do not fit together.
+    pub fn new(trial: &ResolvedTrial, seed: u64) -> Result<Self, ConfigError> {
+        let wrong = |place: String| move |message: String| ConfigError::Combination { path: place.clone(), message };
+        let config = &trial.trial;
+        let vehicle = &trial.vehicle;
+        let dt_s = config.tick_s.get();
+        let thrusters = Thrusters::new(&vehicle.thruster)
+            .map_err(|error| wrong(format!("vehicle {:?}", config.vehicle))(error.to_string()))?;
+        let plant = Plant::new(
+            &PlantConfig {
+                dynamics: Hydrodynamics::from(&vehicle.truth),
+                thrusters,
+                propulsion: &vehicle.propulsion,
+                unmodelled: &vehicle.unmodelled,
+                environment: &trial.environment,
+                sensors: &trial.sensors,
+                start: &config.start,
+                dt_s,
+                substeps: config.substeps,
+                thrust_stale_after_ticks: Tick::at_or_after(trial.safety.plant.thrust_s.get(), dt_s),
+            },
+            seed,
+        )
+        .map_err(wrong(trial.path.display().to_string()))?;
+        let nominal = nominal_model(&Hydrodynamics::from(&vehicle.nominal), config.nominal_spread.get(), seed);
+        let estimator = Estimator::new(
+            &trial.estimator,
+            nominal,
+            trial.sensors.dvl.beam_angle_rad.get(),
+            &trial.safety.estimator,
+            dt_s,
+        );
+        let guidance = Guidance::new(&trial.guidance, trial.safety.guidance.nav_s.get(), dt_s);
+        let laws = std::iter::once((trial.controller_name.clone(), &trial.controller.law))
+            .chain(trial.standby.iter().map(|(name, config)| (name.clone(), &config.law)))
+            .collect();
+        let controller = Controller::new(&ControllerSetup {
+            laws,
+            model: nominal,
+            allocation: Allocation::new(thrusters, vehicle.propulsion.dead_band_n.get()),
+            limits: &trial.safety.controller,
+            fallback: &trial.safety.fallback,
+            dt_s,
+        })
+        .map_err(wrong(format!("controller {:?}", trial.controller_name)))?;
+        let watched = Watched {
+            mode: "",
+            reason: guidance.reason(),
+            status: controller.status(),
+            health: NavHealth::default(),
+            net_valid: false,
+        };
+        Ok(Self {
+            plant,
+            estimator,
+            guidance,
+            controller,
+            measurements: Wire::default(),
+            nav: Wire::default(),
+            reference: Wire::default(),
+            thrust: Wire::default(),
+            wrench_request: Wire::default(),
+            now: Outputs::default(),
+            digests: [0; 4],
+            run_digest: RunDigest::default(),
+            events: ArrayVec::new(),
+            events_dropped: 0,
+            watched,
+        })
+    }
+
+    /// A command, from now on.
+    ///
+    /// # Errors
+    /// When the block refuses it.
+    pub fn command(&mut self, tick: Tick, command: &Command) -> Result<(), Refusal> {
+        match command {
+            Command::Plant(command) => self.plant.command(tick, command),
+            Command::Estimator(command) => self.estimator.command(tick, command),
+            Command::Guidance(command) => self.guidance.command(tick, command),
+            Command::Controller(command) => self.controller.command(tick, command),
+            Command::Link(LinkCommand::Withhold { wire, for_s }) => {
+                if !(*for_s >= 0.0 && for_s.is_finite()) {
+                    return Err(Refusal(format!("withhold.for_s = {for_s}: must be zero or positive, and finite")));
+                }
+                let until = tick.k + Tick::at_or_after(*for_s, tick.dt_s);
+                match wire {
+                    WireName::Measurements => self.measurements.cut_until(until),
+                    WireName::Nav => self.nav.cut_until(until),
+                    WireName::Reference => self.reference.cut_until(until),
+                    WireName::Thrust => self.thrust.cut_until(until),
+                }
+                Ok(())
+            }
+        }
+    }
+
+    /// A wrench from outside, for the law `external`, made at this tick.
+    pub fn request_wrench(&mut self, tick: Tick, request: WrenchRequest) {
+        self.wrench_request.send(tick.k, request);
+    }
+
+    /// One lap: the block diagram, read top to bottom.
+    pub fn step(&mut self, tick: Tick) {
+        let k = tick.k;
+        let before = k.checked_sub(1);
+        let measurements = self.plant.step(tick, Prev(self.thrust.receive(before)));
+        self.now.measurements.clone_from(&measurements);
+        self.measurements.send(k, measurements);
+
+        let nav = self.estimator.step(
+            tick,
+            EstimatorInput {
+                measurements: self.measurements.fresh(k).map_or(&[], std::slice::from_ref),
+                thrust: Prev(self.thrust.receive(before)),
+            },
+        );
+        self.now.nav.clone_from(&nav);
+        self.nav.send(k, nav);
+
+        let reference =
+            self.guidance.step(tick, GuidanceInput { nav: self.nav.receive(Some(k)), operator: OperatorLink::Present });
+        self.now.reference.clone_from(&reference);
+        self.reference.send(k, reference);
+
+        let thrust = self.controller.step(
+            tick,
+            ControllerInput {
+                nav: self.nav.receive(Some(k)),
+                reference: self.reference.receive(Some(k)),
+                applied: Prev(self.thrust.receive(before)),
+                wrench_request: self.wrench_request.receive(Some(k)),
+            },
+        );
+        self.now.thrust.clone_from(&thrust);
+        self.thrust.send(k, thrust);
+        self.watch(tick);
+    }
+
+    /// Hashes this tick's states and outputs; returns the tick's own hash.
+    ///
+    /// # Errors
+    /// When a quantity is no number.
+    pub fn digest(&mut self, tick: Tick, probe: &mut DigestProbe) -> Result<u64, NonFinite> {
+        self.digests = [
+            block_digest(probe, &self.plant, &self.now.measurements),
+            block_digest(probe, &self.estimator, &self.now.nav),
+            block_digest(probe, &self.guidance, &self.now.reference),
+            block_digest(probe, &self.controller, &self.now.thrust),
+        ];
+        match probe.non_finite() {
+            Some(signal) => Err(NonFinite { k: tick.k, path: signal.path }),
+            None => Ok(self.run_digest.fold(tick, self.digests)),
+        }
+    }
+
+    /// Hashes of plant, estimator, guidance and controller at the last tick.
+    #[must_use]
+    pub fn digests(&self) -> [u64; 4] {
+        self.digests
+    }
+
+    /// Hash of the run so far.
+    #[must_use]
+    pub fn run_digest(&self) -> RunDigest {
+        self.run_digest
+    }
+
+    /// What happened at the last tick.
+    #[must_use]
+    pub fn events(&self) -> &[Event] {
+        &self.events
+    }
+
+    /// Events that did not fit; always zero unless something is very wrong.
+    #[must_use]
+    pub fn events_dropped(&self) -> u64 {
+        self.events_dropped
+    }
+
+    /// The truth.
+    #[must_use]
+    pub fn truth(&self) -> &Truth {
+        self.plant.truth()
+    }
+
+    /// Navigation of the last tick.
+    #[must_use]
+    pub fn nav(&self) -> &Nav {
+        &self.now.nav
+    }
+
+    /// Reference of the last tick.
+    #[must_use]
+    pub fn reference(&self) -> &Reference {
+        &self.now.reference
+    }
+
+    /// Thrust of the last tick.
+    #[must_use]
+    pub fn thrust(&self) -> &Thrust {
+        &self.now.thrust
+    }
+
+    /// The controller.
+    #[must_use]
+    pub fn controller(&self) -> &Controller {
+        &self.controller
+    }
+
+    /// What guidance gives as its reason.
+    #[must_use]
+    pub fn guidance(&self) -> &Guidance {
+        &self.guidance
+    }
+
+    /// Messages lost on cut wires: measurements, nav, reference, thrust.
+    #[must_use]
+    pub fn withheld(&self) -> [u64; 4] {
+        [self.measurements.withheld(), self.nav.withheld(), self.reference.withheld(), self.thrust.withheld()]
+    }
+
+    fn watch(&mut self, tick: Tick) {
+        self.events.clear();
+        let next = Watched {
+            mode: self.now.reference.mode.name(),
+            reason: self.guidance.reason(),
+            status: self.controller.status(),
+            health: self.now.nav.health,
+            net_valid: self.now.nav.net.valid,
+        };
+        let was = core::mem::replace(&mut self.watched, next);
+        if was == next {
+            return;
+        }
+        if was.mode != next.mode {
+            self.happened(tick, "guidance", Severity::Info, next.mode);
+        }
+        if was.reason != next.reason {
+            let severity = if next.reason == "commanded" { Severity::Info } else { Severity::Warning };
+            self.happened(tick, "guidance", severity, next.reason);
+        }
+        if was.status != next.status {
+            let usual = ["tracking", "neutral"].contains(&next.status);
+            let severity = if usual { Severity::Info } else { Severity::Warning };
+            self.happened(tick, "controller", severity, next.status);
+        }
+        if was.net_valid != next.net_valid {
+            let (severity, text) =
+                if next.net_valid { (Severity::Info, "net found") } else { (Severity::Warning, "net lost") };
+            self.happened(tick, "estimator", severity, text);
+        }
+        for (was, is, lost, found) in [
+            (was.health.dead_reckoning, next.health.dead_reckoning, "velocity lost: dead reckoning", "velocity found"),
+            (was.health.depth_lost, next.health.depth_lost, "depth lost", "depth found"),
+            (was.health.heading_lost, next.health.heading_lost, "heading lost", "heading found"),
+            (was.health.thrust_unknown, next.health.thrust_unknown, "thrust unknown", "thrust known"),
+            (was.health.restarted, next.health.restarted, "filter restarted", "filter running"),
+        ] {
+            if was != is {
+                let (severity, text) = if is { (Severity::Warning, lost) } else { (Severity::Info, found) };
+                self.happened(tick, "estimator", severity, text);
+            }
+        }
+    }
+
+    fn happened(&mut self, tick: Tick, service: &'static str, severity: Severity, text: &'static str) {
+        let event = Event { tick: tick.k, service: Cow::Borrowed(service), severity, text: Cow::Borrowed(text) };
+        if self.events.try_push(event).is_err() {
+            self.events_dropped += 1;
+        }
+    }
+}
+
+static WITHHELD: Signal = Signal {
+    path: "link/withheld",
+    components: &["measurements", "nav", "reference", "thrust"],
+    units: &["count"],
+    about: "messages lost on cut wires",
+};
+
+impl Observe for Twin {
+    /// Everything that the blocks and the wires show, in the order of the ring.
+    fn observe<P: Probe>(&self, probe: &mut P) {
+        self.plant.observe(probe);
+        self.now.measurements.observe(probe);
+        self.estimator.observe(probe);
+        self.now.nav.observe(probe);
+        self.guidance.observe(probe);
+        self.now.reference.observe(probe);
+        self.controller.observe(probe);
+        self.now.thrust.observe(probe);
+        probe.vector(&WITHHELD, &self.withheld().map(|count| count as f64));
+    }
+}
+
+/// The brain's model: every inertia and damping wrong by a factor drawn from `1 ± spread`.
+fn nominal_model(model: &Hydrodynamics, spread: f64, seed: u64) -> Hydrodynamics {
+    let mut stream = Stream::new(seed, "nominal");
+    let mut factors = || Vector4::from_fn(|_, _| stream.uniform(1.0 - spread, 1.0 + spread));
+    let (M, D_l, D_q) = (factors(), factors(), factors());
+    model.perturbed(&M, &D_l, &D_q)
+}

@@ -1,0 +1,36 @@
+//! Everything around the vehicle, as it stands in an environment file.
+
+use crate::cage::CageConfig;
+use crate::current::CurrentConfig;
+use crate::waves::WavesConfig;
+use serde::{Deserialize, Serialize};
+use supertwin_core::check::{NonNegative, Positive};
+
+/// One sea and one net pen.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EnvironmentConfig {
+    /// What it is and where its numbers come from.
+    pub description: String,
+    /// Current.
+    pub current: CurrentConfig,
+    /// Waves.
+    pub waves: WavesConfig,
+    /// The pen.
+    pub cage: CageConfig,
+    /// The tether's pull.
+    pub tether: TetherConfig,
+}
+
+/// The tether pulls at random: an Ornstein-Uhlenbeck force in body axes.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[allow(missing_docs, reason = "the field names carry axis and unit")]
+pub struct TetherConfig {
+    pub surge_std_n: NonNegative,
+    pub sway_std_n: NonNegative,
+    pub heave_std_n: NonNegative,
+    pub yaw_std_nm: NonNegative,
+    /// Time after which the correlation has fallen to 1/e.
+    pub correlation_time_s: Positive,
+}
