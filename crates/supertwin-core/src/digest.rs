@@ -11,7 +11,8 @@ const CAPACITY: usize = 256;
 /// −0 counts as 0 and every NaN as one NaN. A label counts by its text. Where a signal was absent, its neighbours
 /// move up and the count tells the difference.
 pub struct DigestProbe {
-    words: [u64; CAPACITY],
+    /// Little-endian words, so that the hash does not depend on the machine.
+    words: [[u8; 8]; CAPACITY],
     len: usize,
     folded: u64,
     non_finite: Option<&'static Signal>,
@@ -19,7 +20,7 @@ pub struct DigestProbe {
 
 impl Default for DigestProbe {
     fn default() -> Self {
-        Self { words: [0; CAPACITY], len: 0, folded: 0, non_finite: None }
+        Self { words: [[0; 8]; CAPACITY], len: 0, folded: 0, non_finite: None }
     }
 }
 
@@ -43,42 +44,46 @@ impl DigestProbe {
     }
 
     fn fold(&mut self) {
-        let mut bytes = [0u8; CAPACITY * 8];
-        for (chunk, word) in bytes.as_chunks_mut::<8>().0.iter_mut().zip(&self.words[..self.len]) {
-            *chunk = word.to_le_bytes();
-        }
-        self.folded = xxh3_64_with_seed(&bytes[..self.len * 8], self.folded);
+        self.folded = xxh3_64_with_seed(self.words[..self.len].as_flattened(), self.folded);
         self.len = 0;
     }
 
-    #[inline]
-    fn push(&mut self, word: u64) {
-        if self.len == CAPACITY {
+    /// Room for `count` more words, at most the capacity.
+    fn reserve(&mut self, count: usize) -> &mut [[u8; 8]] {
+        if self.len + count > CAPACITY {
             self.fold();
         }
-        self.words[self.len] = word;
-        self.len += 1;
+        let room = &mut self.words[self.len..self.len + count];
+        self.len += count;
+        room
     }
 }
 
 /// −0 and NaN in one form each.
-#[inline]
 fn canonical(x: f64) -> u64 {
     if x.is_nan() { f64::NAN.to_bits() & !(1 << 63) } else { (x + 0.0).to_bits() }
 }
 
 impl Probe for DigestProbe {
-    #[inline]
     fn vector(&mut self, signal: &'static Signal, values: &[f64]) {
-        for x in values {
-            if !x.is_finite() {
+        for values in values.chunks(CAPACITY) {
+            let room = self.reserve(values.len());
+            // x · 0 is 0 for every number and NaN for everything else: one test for all of them.
+            let mut all_finite: f64 = 0.0;
+            for (word, x) in room.iter_mut().zip(values) {
+                *word = (x + 0.0).to_bits().to_le_bytes();
+                all_finite += x * 0.0;
+            }
+            if all_finite.is_nan() {
+                for (word, x) in room.iter_mut().zip(values) {
+                    *word = canonical(*x).to_le_bytes();
+                }
                 self.non_finite.get_or_insert(signal);
             }
-            self.push(canonical(*x));
         }
     }
     fn label(&mut self, _: &'static Signal, value: &'static str) {
-        self.push(xxh3_64(value.as_bytes()));
+        self.reserve(1)[0] = xxh3_64(value.as_bytes()).to_le_bytes();
     }
 }
 

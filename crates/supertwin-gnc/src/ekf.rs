@@ -179,7 +179,7 @@ impl Ekf {
     /// `∂f/∂x` as a dense matrix, for tests.
     #[must_use]
     pub fn dense_jacobian(&self, h: f64) -> Covariance {
-        self.jacobian(h).times_transposed(&Covariance::identity()).transpose()
+        self.jacobian(h).times(&Covariance::identity())
     }
 
     /// `x⁺ = x + h f(x, tau)`, `P⁺ = F P Fᵀ + h Q`. `tau` is the wrench commanded and allocated.
@@ -189,8 +189,7 @@ impl Ekf {
         self.acceleration = dx.fixed_rows::<4>(NU).into_owned();
         self.x += dx * h_s;
         self.x[PSI] = ssa(self.x[PSI]);
-        // F P Fᵀ = (F (P Fᵀ)ᵀᵀ): the same sparse product twice, because P is symmetric.
-        self.P = F.times_transposed(&F.times_transposed(&self.P).transpose());
+        self.P = F.times(&F.times_transposed(&self.P));
         for i in 0..STATES {
             self.P[(i, i)] += h_s * self.q[i];
         }
@@ -202,20 +201,23 @@ impl Ekf {
         if state == PSI {
             value = ssa(value);
         }
-        let column = self.P.column(state).into_owned();
+        let column = self.P.data.0[state];
         let s = column[state] + variance;
         let nis = value * value / s;
         // Positive containment, so that a NaN is never accepted.
         let accepted = s > 0.0 && nis.is_finite() && gate.is_none_or(|gate| nis <= gate);
         if accepted {
             let inverse = 1.0 / s;
-            self.x += column * (value * inverse);
+            let gain = value * inverse;
+            for (x, p) in self.x.iter_mut().zip(&column) {
+                *x += p * gain;
+            }
             self.x[PSI] = ssa(self.x[PSI]);
             // P⁺ = P − P hᵀ S⁻¹ h P, column by column.
-            for j in 0..STATES {
-                let factor = column[j] * inverse;
-                for i in 0..STATES {
-                    self.P[(i, j)] -= column[i] * factor;
+            for (updated, p) in self.P.data.0.iter_mut().zip(&column) {
+                let factor = p * inverse;
+                for (entry, p) in updated.iter_mut().zip(&column) {
+                    *entry -= p * factor;
                 }
             }
         }
@@ -248,17 +250,38 @@ struct SparseJacobian {
 impl SparseJacobian {
     /// `A Fᵀ`: every column of the result is a combination of at most four columns of `A`.
     fn times_transposed(&self, A: &Covariance) -> Covariance {
-        let column = |i: usize| A.column(i);
-        let (cu, cv, cw, cr) = (column(NU), column(NU + 1), column(NU + 2), column(NU + 3));
+        let a = &A.data.0;
         let mut out = Covariance::zeros();
-        out.set_column(Z, &(column(Z) + cw * self.h));
-        out.set_column(PSI, &(column(PSI) + cr * self.h));
-        out.set_column(NU, &(cu * self.u[0] + cv * self.u[1] + cr * self.u[2] + column(B) * self.u[3]));
-        out.set_column(NU + 1, &(cu * self.v[0] + cv * self.v[1] + cr * self.v[2] + column(B + 1) * self.v[3]));
-        out.set_column(NU + 2, &(cw * self.w[0] + column(B + 2) * self.w[1]));
-        out.set_column(NU + 3, &(cu * self.r[0] + cv * self.r[1] + cr * self.r[2] + column(B + 3) * self.r[3]));
-        for i in B..STATES {
-            out.set_column(i, &(column(i) * self.b));
+        let o = &mut out.data.0;
+        for i in 0..STATES {
+            let [cu, cv, cw, cr] = [a[NU][i], a[NU + 1][i], a[NU + 2][i], a[NU + 3][i]];
+            o[Z][i] = a[Z][i] + self.h * cw;
+            o[PSI][i] = a[PSI][i] + self.h * cr;
+            o[NU][i] = self.u[0] * cu + self.u[1] * cv + self.u[2] * cr + self.u[3] * a[B][i];
+            o[NU + 1][i] = self.v[0] * cu + self.v[1] * cv + self.v[2] * cr + self.v[3] * a[B + 1][i];
+            o[NU + 2][i] = self.w[0] * cw + self.w[1] * a[B + 2][i];
+            o[NU + 3][i] = self.r[0] * cu + self.r[1] * cv + self.r[2] * cr + self.r[3] * a[B + 3][i];
+            for j in B..STATES {
+                o[j][i] = self.b * a[j][i];
+            }
+        }
+        out
+    }
+
+    /// `F A`: the same combinations, of rows.
+    fn times(&self, A: &Covariance) -> Covariance {
+        let mut out = Covariance::zeros();
+        for (o, a) in out.data.0.iter_mut().zip(&A.data.0) {
+            let [cu, cv, cw, cr] = [a[NU], a[NU + 1], a[NU + 2], a[NU + 3]];
+            o[Z] = a[Z] + self.h * cw;
+            o[PSI] = a[PSI] + self.h * cr;
+            o[NU] = self.u[0] * cu + self.u[1] * cv + self.u[2] * cr + self.u[3] * a[B];
+            o[NU + 1] = self.v[0] * cu + self.v[1] * cv + self.v[2] * cr + self.v[3] * a[B + 1];
+            o[NU + 2] = self.w[0] * cw + self.w[1] * a[B + 2];
+            o[NU + 3] = self.r[0] * cu + self.r[1] * cv + self.r[2] * cr + self.r[3] * a[B + 3];
+            for j in B..STATES {
+                o[j] = self.b * a[j];
+            }
         }
         out
     }

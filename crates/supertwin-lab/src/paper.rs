@@ -1,6 +1,6 @@
 //! What the paper measured in the field: table IV.
 
-use supertwin_gnc::control::PaperColumn;
+pub use supertwin_gnc::control::PaperColumn;
 
 /// Names of the rows, as in [`crate::score::QUANTITIES`].
 pub const ROWS: [&str; 6] =

@@ -46,6 +46,7 @@ const BREATH_TICKS: u64 = 256;
 
 /// Runs `trial` with `seed` into `sink`.
 ///
+/// `recording` says that the sink is one, and where the program comes from (for the recording's properties).
 /// `go_on` is called now and then with the ticks done; the run ends early, properly, when it returns false.
 ///
 /// # Errors
@@ -54,7 +55,7 @@ pub fn run<S: RunSink>(
     trial: &ResolvedTrial,
     seed: u64,
     sink: &mut S,
-    recording: bool,
+    recording: Option<&Properties>,
     mut go_on: impl FnMut(u64) -> bool,
 ) -> Result<RunOutcome, RunError> {
     let dt_s = trial.trial.tick_s.get();
@@ -63,9 +64,10 @@ pub fn run<S: RunSink>(
     let mut scorer = Scorer::new(trial.score_from_tick(), trial.ticks(), dt_s);
     let mut probe = DigestProbe::default();
     let (mut warnings, mut ticks) = (0, 0);
-    if recording {
-        sink.begin(&header(trial, seed)?)?;
+    if let Some(provenance) = recording {
+        sink.begin(&header(trial, seed, provenance)?)?;
     }
+    let recording = recording.is_some();
     for k in 0..trial.ticks() {
         if k.is_multiple_of(BREATH_TICKS) && !go_on(k) {
             break;
@@ -84,10 +86,11 @@ pub fn run<S: RunSink>(
         }
         twin.step(tick);
         twin.digest(tick, &mut probe)?;
-        let tracking = Tracking::new(twin.nav(), twin.reference(), twin.truth());
+        let Some(now) = twin.outputs() else { continue };
+        let tracking = Tracking::new(now.nav, now.reference, twin.truth());
         let law = twin.controller().law();
         let sample = LawSample { k1: law.k1(), sigma: law.sigma(), alpha_tol: law.alpha_tol() };
-        scorer.add(tick, &tracking, twin.thrust(), &twin.truth().wrench, &sample);
+        scorer.add(tick, &tracking, now.thrust, &twin.truth().wrench, &sample);
         warnings += twin.events().iter().filter(|event| event.severity > Severity::Info).count() as u64;
         if recording {
             twin.observe(sink);
@@ -135,8 +138,8 @@ pub fn run_name(trial: &ResolvedTrial, seed: u64) -> String {
 }
 
 /// Everything that is needed to repeat the run, and to draw it.
-fn header(trial: &ResolvedTrial, seed: u64) -> Result<RunHeader, ConfigError> {
-    let mut properties = Properties::new();
+fn header(trial: &ResolvedTrial, seed: u64, provenance: &Properties) -> Result<RunHeader, ConfigError> {
+    let mut properties = provenance.clone();
     let mut set = |name: &str, value: Property| properties.insert(name.to_owned(), value);
     set("trial", trial.name.as_str().into());
     set("controller", trial.controller_name.as_str().into());
@@ -149,7 +152,6 @@ fn header(trial: &ResolvedTrial, seed: u64) -> Result<RunHeader, ConfigError> {
     set("duration_s", trial.trial.duration_s.get().into());
     set("score_from_s", trial.trial.score.from_s.get().into());
     set("version", env!("CARGO_PKG_VERSION").into());
-    set("git_commit", option_env!("SUPERTWIN_GIT_COMMIT").unwrap_or("unknown").into());
     set("config", trial.text.as_str().into());
     Ok(RunHeader { name: run_name(trial, seed), properties, scene: scene(trial, seed)? })
 }

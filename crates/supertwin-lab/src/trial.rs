@@ -7,9 +7,10 @@ use std::path::{Path, PathBuf};
 use supertwin_core::check::{Fraction, NonNegative, Positive};
 use supertwin_gnc::control::{ControllerLimits, FallbackConfig};
 use supertwin_gnc::estimator::EstimatorLimits;
-use supertwin_gnc::{ControllerConfig, EstimatorConfig, GuidanceConfig};
+pub use supertwin_gnc::{ControllerConfig, EstimatorConfig, GuidanceConfig};
 use supertwin_model::{HydrodynamicsConfig, ThrusterConfig};
-use supertwin_plant::{EnvironmentConfig, PropulsionConfig, SensorsConfig, StartConfig, UnmodelledConfig};
+pub use supertwin_plant::{EnvironmentConfig, SensorsConfig};
+use supertwin_plant::{PropulsionConfig, StartConfig, UnmodelledConfig};
 
 /// A trial file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -44,7 +44,6 @@ pub struct Twin {
     reference: Wire<Reference>,
     thrust: Wire<Thrust>,
     wrench_request: Wire<WrenchRequest>,
-    now: Outputs,
     digests: [u64; 4],
     run_digest: RunDigest,
     events: ArrayVec<Event, MAX_EVENTS>,
@@ -52,13 +51,17 @@ pub struct Twin {
     watched: Watched,
 }
 
-/// What the blocks put out at the last tick, whether or not it got through.
-#[derive(Clone, Debug, Default)]
-struct Outputs {
-    measurements: Measurements,
-    nav: Nav,
-    reference: Reference,
-    thrust: Thrust,
+/// The four messages of one tick.
+#[derive(Clone, Copy, Debug)]
+pub struct Outputs<'a> {
+    /// Plant to estimator.
+    pub measurements: &'a Measurements,
+    /// Estimator to guidance and controller.
+    pub nav: &'a Nav,
+    /// Guidance to controller.
+    pub reference: &'a Reference,
+    /// Controller to plant and estimator.
+    pub thrust: &'a Thrust,
 }
 
 /// Words and flags whose change is an event.
@@ -137,7 +140,6 @@ impl Twin {
             reference: Wire::default(),
             thrust: Wire::default(),
             wrench_request: Wire::default(),
-            now: Outputs::default(),
             digests: [0; 4],
             run_digest: RunDigest::default(),
             events: ArrayVec::new(),
@@ -182,7 +184,6 @@ impl Twin {
         let k = tick.k;
         let before = k.checked_sub(1);
         let measurements = self.plant.step(tick, Prev(self.thrust.receive(before)));
-        self.now.measurements.clone_from(&measurements);
         self.measurements.send(k, measurements);
 
         let nav = self.estimator.step(
@@ -192,12 +193,10 @@ impl Twin {
                 thrust: Prev(self.thrust.receive(before)),
             },
         );
-        self.now.nav.clone_from(&nav);
         self.nav.send(k, nav);
 
         let reference =
             self.guidance.step(tick, GuidanceInput { nav: self.nav.receive(Some(k)), operator: OperatorLink::Present });
-        self.now.reference.clone_from(&reference);
         self.reference.send(k, reference);
 
         let thrust = self.controller.step(
@@ -209,7 +208,6 @@ impl Twin {
                 wrench_request: self.wrench_request.receive(Some(k)),
             },
         );
-        self.now.thrust.clone_from(&thrust);
         self.thrust.send(k, thrust);
         self.watch(tick);
     }
@@ -219,12 +217,14 @@ impl Twin {
     /// # Errors
     /// When a quantity is no number.
     pub fn digest(&mut self, tick: Tick, probe: &mut DigestProbe) -> Result<u64, NonFinite> {
-        self.digests = [
-            block_digest(probe, &self.plant, &self.now.measurements),
-            block_digest(probe, &self.estimator, &self.now.nav),
-            block_digest(probe, &self.guidance, &self.now.reference),
-            block_digest(probe, &self.controller, &self.now.thrust),
-        ];
+        if let Some(now) = self.outputs() {
+            self.digests = [
+                block_digest(probe, &self.plant, now.measurements),
+                block_digest(probe, &self.estimator, now.nav),
+                block_digest(probe, &self.guidance, now.reference),
+                block_digest(probe, &self.controller, now.thrust),
+            ];
+        }
         match probe.non_finite() {
             Some(signal) => Err(NonFinite { k: tick.k, path: signal.path }),
             None => Ok(self.run_digest.fold(tick, self.digests)),
@@ -261,22 +261,15 @@ impl Twin {
         self.plant.truth()
     }
 
-    /// Navigation of the last tick.
+    /// Everything that the blocks put out at the last tick, whether or not it got through; `None` before the first.
     #[must_use]
-    pub fn nav(&self) -> &Nav {
-        &self.now.nav
-    }
-
-    /// Reference of the last tick.
-    #[must_use]
-    pub fn reference(&self) -> &Reference {
-        &self.now.reference
-    }
-
-    /// Thrust of the last tick.
-    #[must_use]
-    pub fn thrust(&self) -> &Thrust {
-        &self.now.thrust
+    pub fn outputs(&self) -> Option<Outputs<'_>> {
+        Some(Outputs {
+            measurements: self.measurements.at_source()?,
+            nav: self.nav.at_source()?,
+            reference: self.reference.at_source()?,
+            thrust: self.thrust.at_source()?,
+        })
     }
 
     /// The controller.
@@ -299,12 +292,13 @@ impl Twin {
 
     fn watch(&mut self, tick: Tick) {
         self.events.clear();
+        let Some(now) = self.outputs() else { return };
         let next = Watched {
-            mode: self.now.reference.mode.name(),
+            mode: now.reference.mode.name(),
             reason: self.guidance.reason(),
             status: self.controller.status(),
-            health: self.now.nav.health,
-            net_valid: self.now.nav.net.valid,
+            health: now.nav.health,
+            net_valid: now.nav.net.valid,
         };
         let was = core::mem::replace(&mut self.watched, next);
         if was == next {
@@ -359,14 +353,15 @@ static WITHHELD: Signal = Signal {
 impl Observe for Twin {
     /// Everything that the blocks and the wires show, in the order of the ring.
     fn observe<P: Probe>(&self, probe: &mut P) {
+        let Some(now) = self.outputs() else { return };
         self.plant.observe(probe);
-        self.now.measurements.observe(probe);
+        now.measurements.observe(probe);
         self.estimator.observe(probe);
-        self.now.nav.observe(probe);
+        now.nav.observe(probe);
         self.guidance.observe(probe);
-        self.now.reference.observe(probe);
+        now.reference.observe(probe);
         self.controller.observe(probe);
-        self.now.thrust.observe(probe);
+        now.thrust.observe(probe);
         probe.vector(&WITHHELD, &self.withheld().map(|count| count as f64));
     }
 }

@@ -5,24 +5,29 @@ use supertwin_core::Input;
 /// Carries messages of one type from tick to tick, unless it is cut.
 #[derive(Clone, Debug)]
 pub struct Wire<M> {
-    delivered: Option<(u64, M)>,
+    /// The newest message, whether or not it got through.
+    made: Option<(u64, M)>,
+    /// On a cut wire, what got through last.
+    held: Option<Option<(u64, M)>>,
     cut_until: u64,
     withheld: u64,
 }
 
 impl<M> Default for Wire<M> {
     fn default() -> Self {
-        Self { delivered: None, cut_until: 0, withheld: 0 }
+        Self { made: None, held: None, cut_until: 0, withheld: 0 }
     }
 }
 
 impl<M> Wire<M> {
     /// Sends the message made at tick `k`; on a cut wire it is lost, and counted.
     pub fn send(&mut self, k: u64, message: M) {
-        if k < self.cut_until {
-            self.withheld += 1;
+        let last = self.made.replace((k, message));
+        if k >= self.cut_until {
+            self.held = None;
         } else {
-            self.delivered = Some((k, message));
+            self.withheld += 1;
+            self.held.get_or_insert(last);
         }
     }
 
@@ -31,9 +36,13 @@ impl<M> Wire<M> {
         self.cut_until = k;
     }
 
+    fn delivered(&self) -> Option<&(u64, M)> {
+        self.held.as_ref().unwrap_or(&self.made).as_ref()
+    }
+
     /// What the receiver has, who expects the message of tick `expected`.
     pub fn receive(&self, expected: Option<u64>) -> Input<&M> {
-        match &self.delivered {
+        match self.delivered() {
             None => Input::Missing,
             Some((made_at, message)) if Some(*made_at) == expected => Input::Fresh(message),
             Some((made_at, message)) => Input::Held { value: message, made_at: *made_at },
@@ -42,7 +51,12 @@ impl<M> Wire<M> {
 
     /// The message of tick `k`, if it got through.
     pub fn fresh(&self, k: u64) -> Option<&M> {
-        self.delivered.as_ref().filter(|(made_at, _)| *made_at == k).map(|(_, message)| message)
+        self.delivered().filter(|(made_at, _)| *made_at == k).map(|(_, message)| message)
+    }
+
+    /// The newest message at its source, whether or not it got through.
+    pub fn at_source(&self) -> Option<&M> {
+        self.made.as_ref().map(|(_, message)| message)
     }
 
     /// Messages lost so far.

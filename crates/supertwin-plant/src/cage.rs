@@ -9,7 +9,7 @@ use supertwin_core::random::{Draw, Stream};
 /// Most undulations that a net can have.
 pub const MAX_UNDULATIONS: usize = 4;
 
-/// Fixed-point iterations of the ray caster; the residual after four is far below the sonar's noise (tested).
+/// Fixed-point iterations of the ray caster, each about twenty times nearer; the residual is tested.
 const ITERATIONS: usize = 4;
 
 /// Pen of an environment file.
@@ -144,8 +144,10 @@ impl Cage {
     }
 
     /// Distance along the unit vector `ray` to the net, from inside. `None` when the ray is vertical.
+    ///
+    /// `radius_m` is a first guess of the net's radius where the ray ends.
     #[must_use]
-    pub fn range(&self, from_m: &Vector3<f64>, ray: &Vector3<f64>) -> Option<f64> {
+    pub fn range(&self, from_m: &Vector3<f64>, ray: &Vector3<f64>, radius_m: f64) -> Option<f64> {
         let horizontal2 = ray.x * ray.x + ray.y * ray.y;
         if horizontal2 < 1e-12 {
             return None;
@@ -153,11 +155,14 @@ impl Cage {
         let along = from_m.x * ray.x + from_m.y * ray.y;
         let r2 = from_m.x * from_m.x + from_m.y * from_m.y;
         // |p_h + s d_h| = R with R taken where the last iteration hit.
-        let mut radius = self.gap(from_m).0 + libm::sqrt(r2);
+        let mut radius = radius_m;
         let mut range = 0.0;
-        for _ in 0..ITERATIONS {
+        for iteration in 0..ITERATIONS {
             let discriminant = along * along - horizontal2 * (r2 - radius * radius);
             range = (libm::sqrt(discriminant.max(0.0)) - along) / horizontal2;
+            if iteration + 1 == ITERATIONS {
+                break;
+            }
             let (x, y) = (from_m.x + range * ray.x, from_m.y + range * ray.y);
             let inverse = 1.0 / libm::sqrt((x * x + y * y).max(1e-12));
             radius = self.radius([x * inverse, y * inverse], from_m.z + range * ray.z);
@@ -223,7 +228,7 @@ mod tests {
             let (theta, distance) = (f64::from(i) * 0.031, 2.0 + f64::from(i % 7) * 0.5);
             let from = Vector3::new((25.0 - distance) * theta.cos(), (25.0 - distance) * theta.sin(), 4.0);
             let ray = Vector3::new((theta + 0.3).cos() * 0.95, (theta + 0.3).sin() * 0.95, 0.3122499).normalize();
-            let range = cage.range(&from, &ray).expect("hits");
+            let range = cage.range(&from, &ray, 25.0).expect("hits");
             let hit = from + ray * range;
             worst = worst.max(cage.gap(&hit).0.abs());
         }
@@ -235,9 +240,9 @@ mod tests {
         let cage = cage([0.0, 0.0]);
         for i in 0..12 {
             let theta = f64::from(i) * 0.5;
-            let range = cage.range(&Vector3::new(0.0, 0.0, 3.0), &Vector3::new(theta.cos(), theta.sin(), 0.0));
+            let range = cage.range(&Vector3::new(0.0, 0.0, 3.0), &Vector3::new(theta.cos(), theta.sin(), 0.0), 24.0);
             assert!((range.expect("hits") - 25.0).abs() < 1e-12);
         }
-        assert_eq!(cage.range(&Vector3::zeros(), &Vector3::z()), None);
+        assert_eq!(cage.range(&Vector3::zeros(), &Vector3::z(), 25.0), None);
     }
 }

@@ -85,6 +85,8 @@ pub struct Plant {
     compass: Compass,
     gyro: Gyro,
     state: State,
+    /// Rotation of the present state's heading.
+    heading: Heading,
     substeps: u32,
     substep_s: f64,
     stale_after_ticks: u64,
@@ -144,6 +146,7 @@ impl Plant {
             compass: Compass::new(&config.sensors.compass, seed, config.dt_s),
             gyro: Gyro::new(&config.sensors.gyro, seed),
             state,
+            heading: Heading::new(heading_rad),
             substeps: config.substeps,
             substep_s,
             stale_after_ticks: config.thrust_stale_after_ticks,
@@ -190,7 +193,7 @@ impl Plant {
     /// One Runge-Kutta step; over it the water's velocity (NED) changes linearly with its acceleration.
     fn integrate(&mut self, tau: &Vector4<f64>, water: &Vector3<f64>, water_acceleration: &Vector3<f64>) {
         let dynamics = &self.dynamics;
-        let start = Heading::new(self.state[3]);
+        let start = self.heading;
         let psi_start = self.state[3];
         self.state = rk4(&self.state, self.substep_s, |t, x| {
             let heading = start.turned(x[3] - psi_start);
@@ -204,6 +207,7 @@ impl Plant {
             let v_n = heading.ned_from_body(Vector3::new(nu[0], nu[1], nu[2]));
             State::from([v_n.x, v_n.y, v_n.z, nu[3], nu_dot[0], nu_dot[1], nu_dot[2], nu_dot[3]])
         });
+        self.heading = Heading::new(self.state[3]);
     }
 
     fn position(&self) -> Vector3<f64> {
@@ -212,8 +216,7 @@ impl Plant {
 
     fn tell_truth(&mut self, current: &Vector3<f64>, disturbance: &Vector4<f64>) {
         let (net_distance_m, [north, east]) = self.cage.gap(&self.position());
-        let heading = Heading::new(self.state[3]);
-        let water = heading.body_from_ned(current + self.waves.motion().velocity);
+        let water = self.heading.body_from_ned(current + self.waves.motion().velocity);
         let x = &self.state;
         let truth = &mut self.truth;
         truth.north_m = x[0];
@@ -259,7 +262,7 @@ impl Block for Plant {
         self.started = true;
         let scene = DvlScene {
             position_m: &self.position(),
-            heading: Heading::new(self.state[3]),
+            heading: self.heading,
             velocity_m_per_s: self.velocity(),
             cage: &self.cage,
         };

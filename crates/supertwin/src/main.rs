@@ -1,1 +1,26 @@
-fn main() {}
+//! The `supertwin` command: a digital twin of an underwater vehicle that inspects net pens.
+//!
+//! Exit status: 0 done, 1 the verdict is no, 2 the call or its input is wrong, 130 interrupted.
+
+mod check;
+mod cli;
+mod clock;
+mod failure;
+mod output;
+mod run;
+mod tables;
+
+use clap::Parser;
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    let cli = cli::Cli::parse();
+    let done = match &cli.verb {
+        cli::Verb::Run(arguments) => run::run(arguments, &cli.library()),
+        cli::Verb::Check(arguments) => check::check(arguments, &cli.library()),
+    };
+    match done {
+        Ok(status) => status,
+        Err(failure) => failure.report(),
+    }
+}

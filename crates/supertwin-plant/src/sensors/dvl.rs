@@ -153,10 +153,12 @@ impl Dvl {
         }
         let burst = now_s < self.burst_until_s;
         let mut any_hit = false;
+        let (gap_m, [north, east]) = scene.cage.gap(scene.position_m);
+        let radius_m = gap_m + scene.position_m.x * north + scene.position_m.y * east;
         let beam_range_m = core::array::from_fn(|i| {
             let ray = scene.heading.ned_from_body(self.array.beams()[i]);
             let noise_m = c.range_std_m.get() * self.noise.normal();
-            let mut range_m = scene.cage.range(scene.position_m, &ray)? + noise_m;
+            let mut range_m = scene.cage.range(scene.position_m, &ray, radius_m)? + noise_m;
             if burst && self.fish.chance(c.fish.hit_probability.get()) {
                 let [low, high] = c.fish.range_factor.map(Fraction::get);
                 range_m *= self.fish.uniform(low, high);
@@ -165,7 +167,6 @@ impl Dvl {
             (c.min_range_m.get()..=c.max_range_m.get()).contains(&range_m).then_some(range_m)
         });
         // Velocity relative to the net, which moves outwards along the bearing of the vehicle.
-        let (_, [north, east]) = scene.cage.gap(scene.position_m);
         let net_speed = scene.cage.outward_speed_m_per_s();
         let net_velocity = scene.heading.body_from_ned(Vector3::new(north * net_speed, east * net_speed, 0.0));
         let fish_std = if any_hit { c.fish.velocity_std_m_per_s.get() } else { 0.0 };

@@ -1,0 +1,84 @@
+//! Rerun chunks from plain columns, without copying them.
+//!
+//! `RecordingStream::send_columns` sorts the rows and hands the chunk through two more threads. The rows of a run are
+//! in order already, so the chunks are built here and encoded by the one thread of [`crate::writer`].
+
+use rerun::external::arrow::{array::Float64Array, buffer::ScalarBuffer};
+use rerun::log::{Chunk, ChunkId, RowId};
+use rerun::time::{TimePoint, Timeline};
+use rerun::{AsComponents, EntityPath, SerializedComponentBatch, SerializedComponentColumn, TimeColumn};
+use std::sync::Arc;
+
+/// Why a chunk can't be built: always a defect of the caller, and still no reason to lose the rest of the run.
+pub(crate) type Problem = String;
+
+/// When the rows of a chunk were heard. Cloning shares the numbers.
+#[derive(Clone)]
+pub(crate) struct Times {
+    ticks: ScalarBuffer<i64>,
+    nanos: ScalarBuffer<i64>,
+}
+
+impl Times {
+    pub(crate) fn new(ticks: Vec<i64>, nanos: Vec<i64>) -> Self {
+        Self { ticks: ticks.into(), nanos: nanos.into() }
+    }
+
+    pub(crate) fn len(&self) -> usize {
+        self.ticks.len()
+    }
+
+    pub(crate) fn ticks(&self) -> &[i64] {
+        &self.ticks
+    }
+
+    /// The times of some rows only.
+    pub(crate) fn select(&self, rows: &[u32]) -> Self {
+        let pick = |all: &[i64]| rows.iter().map(|&row| all[row as usize]).collect::<Vec<_>>();
+        Self::new(pick(&self.ticks), pick(&self.nanos))
+    }
+}
+
+/// One signal's share of a batch.
+pub(crate) struct Rows {
+    pub(crate) entity: EntityPath,
+    pub(crate) times: Times,
+    pub(crate) width: usize,
+    /// Row by row.
+    pub(crate) values: Vec<f64>,
+}
+
+impl Rows {
+    pub(crate) fn into_chunk(self) -> Result<Chunk, Problem> {
+        let array = Arc::new(Float64Array::from(self.values));
+        let column = SerializedComponentBatch::new(array, rerun::Scalars::descriptor_scalars())
+            .partitioned(std::iter::repeat_n(self.width, self.times.len()))
+            .map_err(text)?;
+        columns(self.entity, self.times, [column])
+    }
+}
+
+/// Columns of any components over both timelines.
+pub(crate) fn columns(
+    entity: EntityPath,
+    times: Times,
+    components: impl IntoIterator<Item = SerializedComponentColumn>,
+) -> Result<Chunk, Problem> {
+    let id = ChunkId::new();
+    let first = RowId::from_tuid(*id).next();
+    let rows: Vec<_> = (0..times.len() as u64).map(|row| first.incremented_by(row)).collect();
+    let nanos = TimeColumn::new(None, Timeline::new_duration(crate::TIME), times.nanos);
+    let ticks = TimeColumn::new(None, Timeline::new_sequence(crate::TICK), times.ticks);
+    let timelines = [nanos, ticks].into_iter().map(|column| (*column.timeline().name(), column)).collect();
+    let components = components.into_iter().map(|column| (column.descriptor, column.list_array)).collect();
+    Chunk::from_native_row_ids(id, entity, Some(true), &rows, timelines, components).map_err(text)
+}
+
+/// Something that holds for the whole run.
+pub(crate) fn fixed(entity: impl Into<EntityPath>, components: &dyn AsComponents) -> Result<Chunk, Problem> {
+    Chunk::builder(entity).with_archetype_auto_row(TimePoint::default(), components).build().map_err(text)
+}
+
+pub(crate) fn text(error: impl std::fmt::Display) -> Problem {
+    error.to_string()
+}

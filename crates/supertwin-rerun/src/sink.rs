@@ -1,0 +1,552 @@
+//! A run as it is heard, gathered in columns and handed to the file batch by batch.
+
+use crate::chunks::{Problem, Rows, Times, columns, fixed, text};
+use crate::scene::Scene;
+use crate::writer::{Job, Writer};
+use crate::{blueprint, read, style};
+use rerun::external::arrow::array::{Float64Array, UInt64Array};
+use rerun::external::re_log_encoding::EncodingOptions;
+use rerun::external::re_log_types::{SetStoreInfo, StoreInfo, StoreSource};
+use rerun::log::RowId;
+use rerun::{ComponentIdentifier, EntityPath, RecordingInfo, StoreId, StoreKind, Text};
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use supertwin_core::run::{Properties, Severity};
+use supertwin_core::{Event, Probe, Property, RunHeader, RunSink, Signal, SinkError, Tick};
+
+/// How a recording is written.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Options {
+    /// Replace a file that exists already.
+    pub overwrite: bool,
+    /// Ticks that are gathered before they go to the file: what a crash can lose. Below some hundred, files get larger
+    /// and the viewer slower; above a thousand nothing is gained.
+    pub batch_ticks: usize,
+    /// Compress the file. Without it, writing takes two thirds of the time and noisy data a third more space.
+    pub compress: bool,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { overwrite: false, batch_ticks: 1000, compress: true }
+    }
+}
+
+/// Writes a run to one `.rrd` file.
+///
+/// A value costs a copy into a column; the file grows in a thread of its own. What goes wrong there, such as a full
+/// disk, comes back from the next [`RunSink::tick`] and at the latest from [`RunSink::finish`].
+pub struct RerunSink {
+    /// For error messages.
+    name: String,
+    path: Option<PathBuf>,
+    options: Options,
+    state: State,
+    /// Ticks of this batch, and when they are.
+    ticks: Vec<i64>,
+    nanos: Vec<i64>,
+    last_tick: Option<Tick>,
+    vectors: Slots<Column>,
+    labels: Slots<Track>,
+    events: BTreeMap<Cow<'static, str>, Vec<Event>>,
+    scene: Scene,
+    /// What went wrong in a call that can't return it.
+    failure: Option<Problem>,
+}
+
+enum State {
+    Created(Box<dyn Write + Send>),
+    Writing(Writer),
+    Closed,
+}
+
+impl RerunSink {
+    /// Creates the file.
+    ///
+    /// # Errors
+    /// When the file exists and may not be replaced, or when it can't be created.
+    pub fn create(path: &Path, options: Options) -> Result<Self, SinkError> {
+        let failed = |cause: String| SinkError { what: path.display().to_string(), cause };
+        if options.batch_ticks == 0 {
+            return Err(failed("a batch needs at least one tick".to_owned()));
+        }
+        let mut how = File::options();
+        how.write(true);
+        if options.overwrite {
+            how.create(true).truncate(true)
+        } else {
+            how.create_new(true)
+        };
+        let file = how.open(path).map_err(|error| match error.kind() {
+            io::ErrorKind::AlreadyExists => failed("the file exists already".to_owned()),
+            io::ErrorKind::NotFound => failed(match path.parent() {
+                Some(folder) if !folder.as_os_str().is_empty() => {
+                    format!("the directory {} does not exist", folder.display())
+                }
+                _ => error.to_string(),
+            }),
+            _ => failed(format!("can't create the file: {error}")),
+        })?;
+        let mut sink = Self::onto(Box::new(file), &path.display().to_string(), options);
+        sink.path = Some(path.to_owned());
+        Ok(sink)
+    }
+
+    fn onto(target: Box<dyn Write + Send>, name: &str, options: Options) -> Self {
+        Self {
+            name: name.to_owned(),
+            path: None,
+            state: State::Created(target),
+            ticks: Vec::with_capacity(options.batch_ticks),
+            nanos: Vec::with_capacity(options.batch_ticks),
+            last_tick: None,
+            vectors: Slots::default(),
+            labels: Slots::default(),
+            events: BTreeMap::new(),
+            scene: Scene::default(),
+            failure: None,
+            options,
+        }
+    }
+
+    fn error(&self, cause: Problem) -> SinkError {
+        SinkError { what: self.name.clone(), cause }
+    }
+
+    fn fail(&mut self, cause: impl FnOnce() -> Problem) {
+        self.failure.get_or_insert_with(cause);
+    }
+
+    /// What went wrong earlier.
+    fn check(&self) -> Result<(), Problem> {
+        if let Some(cause) = &self.failure {
+            return Err(cause.clone());
+        }
+        match &self.state {
+            State::Writing(writer) => writer.check(),
+            State::Created(_) => Err("the run has not begun".to_owned()),
+            State::Closed => Err("the recording is closed".to_owned()),
+        }
+    }
+
+    fn send(&self, job: Job) -> Result<(), Problem> {
+        match &self.state {
+            State::Writing(writer) => writer.send(job),
+            _ => Err("the recording is not open".to_owned()),
+        }
+    }
+
+    fn start(&mut self, header: &RunHeader) -> Result<(), Problem> {
+        let target = match std::mem::replace(&mut self.state, State::Closed) {
+            State::Created(target) => target,
+            begun => {
+                self.state = begun;
+                return Err("the run has begun already".to_owned());
+            }
+        };
+        let encoding = if self.options.compress {
+            EncodingOptions::PROTOBUF_COMPRESSED
+        } else {
+            EncodingOptions::PROTOBUF_UNCOMPRESSED
+        };
+        let store = StoreId::new(StoreKind::Recording, crate::APPLICATION, header.name.as_str());
+        self.state = State::Writing(Writer::start(target, store.clone(), encoding)?);
+        let source = StoreSource::Other(concat!("supertwin ", env!("CARGO_PKG_VERSION")).to_owned());
+        let info = StoreInfo::new(store, source);
+        self.send(Job::Message(SetStoreInfo { row_id: *RowId::new(), info }.into()))?;
+        for message in blueprint::messages(blueprint::first_view())? {
+            self.send(Job::Message(message))?;
+        }
+        // No start time: the same run makes the same recording whenever it runs.
+        let info = RecordingInfo::new().with_name(header.name.as_str());
+        self.send(Job::Chunk(fixed(EntityPath::properties(), &info)?))?;
+        self.properties("run", &header.properties)?;
+        for chunk in Scene::fixed(&header.scene)? {
+            self.send(Job::Chunk(chunk))?;
+        }
+        self.scene = Scene::new(&header.scene);
+        Ok(())
+    }
+
+    fn properties(&self, group: &str, properties: &Properties) -> Result<(), Problem> {
+        if properties.is_empty() {
+            return Ok(());
+        }
+        let mut values = rerun::AnyValues::default();
+        for (name, property) in properties {
+            let name = ComponentIdentifier::try_new(name.as_str()).map_err(text)?;
+            values = match property {
+                Property::Text(text) => values.with_component::<Text>(name, [text.as_str()]),
+                Property::Number(x) => values.with_component_from_data(name, Arc::new(Float64Array::from(vec![*x]))),
+                Property::Integer(n) => values.with_component_from_data(name, Arc::new(UInt64Array::from(vec![*n]))),
+            };
+        }
+        let entity = EntityPath::properties().join(&EntityPath::from_single_string(group));
+        self.send(Job::Chunk(fixed(entity, &values)?))
+    }
+
+    /// Hands everything that was heard since the last batch to the file.
+    fn flush(&mut self) -> Result<(), Problem> {
+        let room = self.options.batch_ticks;
+        let ticks = std::mem::replace(&mut self.ticks, Vec::with_capacity(room));
+        let nanos = std::mem::replace(&mut self.nanos, Vec::with_capacity(room));
+        let every = Times::new(ticks, nanos);
+        let mut jobs = Vec::new();
+        let mut batch = Vec::with_capacity(self.vectors.slots.len());
+        for (signal, column) in &mut self.vectors.slots {
+            if column.rows.is_empty() {
+                continue;
+            }
+            if !column.described {
+                column.described = true;
+                let lines = style::lines(signal, column.width);
+                jobs.push(Job::Chunk(fixed(column.entity.clone(), &lines)?));
+            }
+            let room = column.values.len();
+            let values = std::mem::replace(&mut column.values, Vec::with_capacity(room));
+            // Signals of every tick share one pair of time columns.
+            let times = times_of(&every, &column.rows);
+            column.rows.clear();
+            let rows = Rows { entity: column.entity.clone(), times, width: column.width, values };
+            jobs.extend(self.scene.draw(&rows)?.into_iter().map(Job::Chunk));
+            batch.push(rows);
+        }
+        for (_, track) in &mut self.labels.slots {
+            if track.rows.is_empty() {
+                continue;
+            }
+            if track.described != track.known.len() {
+                track.described = track.known.len();
+                jobs.push(Job::Chunk(fixed(track.entity.clone(), &style::states(&track.known))?));
+            }
+            let changes = rerun::StateChange::update_fields().with_state(std::mem::take(&mut track.changes));
+            let changes = changes.columns_of_unit_batches().map_err(text)?;
+            jobs.push(Job::Chunk(columns(track.entity.clone(), every.select(&track.rows), changes)?));
+            track.rows.clear();
+        }
+        for (service, events) in std::mem::take(&mut self.events) {
+            jobs.push(Job::Chunk(self.log(&service, &events)?));
+        }
+        jobs.push(Job::Batch(batch));
+        jobs.into_iter().try_for_each(|job| self.send(job))
+    }
+
+    fn log(&self, service: &str, events: &[Event]) -> Result<rerun::log::Chunk, Problem> {
+        let dt_s = self.last_tick.map_or(0.0, |tick| tick.dt_s);
+        let ticks: Vec<i64> = events.iter().map(|event| event.tick as i64).collect();
+        let nanos = events.iter().map(|event| nanos(Tick { k: event.tick, dt_s })).collect();
+        let level = |event: &Event| match event.severity {
+            Severity::Info => rerun::TextLogLevel::INFO,
+            Severity::Warning => rerun::TextLogLevel::WARN,
+            Severity::Error => rerun::TextLogLevel::ERROR,
+        };
+        let log = rerun::TextLog::update_fields()
+            .with_many_text(events.iter().map(|event| &*event.text))
+            .with_many_level(events.iter().map(level));
+        let entity = EntityPath::from_single_string("event").join(&EntityPath::from_single_string(service));
+        columns(entity, Times::new(ticks, nanos), log.columns_of_unit_batches().map_err(text)?)
+    }
+
+    /// Writes what is left and the footer, and looks at the file whether all of it is there.
+    fn close(&mut self) -> Result<(), Problem> {
+        let State::Writing(writer) = std::mem::replace(&mut self.state, State::Closed) else {
+            return Err("the recording is not open".to_owned());
+        };
+        let written = writer.close()?;
+        let Some(path) = &self.path else { return Ok(()) };
+        let file = path.metadata().map_err(text)?;
+        if file.is_file() && (file.len() != written || !read::is_closed(path).map_err(text)?) {
+            return Err(format!("the file is incomplete: {} of {written} bytes are there", file.len()));
+        }
+        Ok(())
+    }
+}
+
+impl Probe for RerunSink {
+    fn vector(&mut self, signal: &'static Signal, values: &[f64]) {
+        let Some(row) = self.ticks.len().checked_sub(1) else {
+            return self.fail(|| format!("{} is shown before the first tick", signal.path));
+        };
+        let width = values.len();
+        let at = match self.vectors.find(signal) {
+            Some(at) => at,
+            // A vehicle without thrusters shows an empty vector: there is nothing to draw.
+            None if width == 0 => return,
+            None => self.vectors.insert(signal, Column::new(signal, width, self.options.batch_ticks)),
+        };
+        let column = &mut self.vectors.slots[at].1;
+        if column.width != width {
+            let before = column.width;
+            return self.fail(|| format!("{} changed its width from {before} to {width}", signal.path));
+        }
+        column.rows.push(row as u32);
+        column.values.extend_from_slice(values);
+    }
+
+    fn label(&mut self, signal: &'static Signal, value: &'static str) {
+        let Some(row) = self.ticks.len().checked_sub(1) else {
+            return self.fail(|| format!("{} is shown before the first tick", signal.path));
+        };
+        let at = self.labels.find(signal).unwrap_or_else(|| self.labels.insert(signal, Track::new(signal)));
+        let track = &mut self.labels.slots[at].1;
+        if track.last == Some(value) {
+            return;
+        }
+        track.last = Some(value);
+        track.rows.push(row as u32);
+        track.changes.push(value);
+        if !track.known.contains(&value) {
+            track.known.push(value);
+        }
+    }
+}
+
+impl RunSink for RerunSink {
+    fn begin(&mut self, header: &RunHeader) -> Result<(), SinkError> {
+        self.start(header).map_err(|cause| self.error(cause))
+    }
+
+    fn tick(&mut self, tick: Tick) -> Result<(), SinkError> {
+        self.check().map_err(|cause| self.error(cause))?;
+        if let Some(last) = self.last_tick.filter(|last| last.k >= tick.k) {
+            return Err(self.error(format!("tick {} comes after tick {}", tick.k, last.k)));
+        }
+        if self.ticks.len() >= self.options.batch_ticks {
+            self.flush().map_err(|cause| self.error(cause))?;
+        }
+        self.last_tick = Some(tick);
+        self.ticks.push(tick.k as i64);
+        self.nanos.push(nanos(tick));
+        // Most signals are shown once per tick, in the order of the last tick.
+        self.vectors.cursor = 0;
+        self.labels.cursor = 0;
+        Ok(())
+    }
+
+    fn event(&mut self, event: &Event) -> Result<(), SinkError> {
+        self.check().map_err(|cause| self.error(cause))?;
+        self.events.entry(event.service.clone()).or_default().push(event.clone());
+        Ok(())
+    }
+
+    fn finish(&mut self, results: &Properties) -> Result<(), SinkError> {
+        // Whatever went wrong, what was heard is written and the file closed; the first problem explains the others.
+        let heard = self.check();
+        let written = self.flush().and_then(|()| self.properties("result", results));
+        let closed = self.close();
+        heard.and(written).and(closed).map_err(|cause| self.error(cause))
+    }
+}
+
+impl Drop for RerunSink {
+    fn drop(&mut self) {
+        match &self.state {
+            // Nobody can be told about errors here; what can be saved is saved.
+            State::Writing(_) => {
+                drop(self.flush());
+                drop(self.close());
+            }
+            // An empty file would only be in the way of the next attempt.
+            State::Created(_) => {
+                if let Some(path) = self.path.as_ref().filter(|path| path.is_file()) {
+                    drop(std::fs::remove_file(path));
+                }
+            }
+            State::Closed => (),
+        }
+    }
+}
+
+/// Nanoseconds since the start of the run, rounded once.
+fn nanos(tick: Tick) -> i64 {
+    (tick.t_s() * 1e9).round() as i64
+}
+
+fn times_of(every: &Times, rows: &[u32]) -> Times {
+    let all = rows.len() == every.len() && rows.iter().enumerate().all(|(i, &row)| i as u32 == row);
+    if all { every.clone() } else { every.select(rows) }
+}
+
+/// Values of one signal in this batch.
+struct Column {
+    entity: EntityPath,
+    width: usize,
+    /// Places in the batch's ticks.
+    rows: Vec<u32>,
+    values: Vec<f64>,
+    /// Names and colours are in the file.
+    described: bool,
+}
+
+impl Column {
+    fn new(signal: &Signal, width: usize, room: usize) -> Self {
+        Self {
+            entity: EntityPath::from(signal.path),
+            width,
+            rows: Vec::with_capacity(room),
+            values: Vec::with_capacity(room * width),
+            described: false,
+        }
+    }
+}
+
+/// Changes of one label in this batch.
+struct Track {
+    entity: EntityPath,
+    last: Option<&'static str>,
+    /// Places in the batch's ticks.
+    rows: Vec<u32>,
+    changes: Vec<&'static str>,
+    /// Every value so far, in the order of appearance.
+    known: Vec<&'static str>,
+    /// How many of them have their colour in the file.
+    described: usize,
+}
+
+impl Track {
+    fn new(signal: &Signal) -> Self {
+        Self {
+            entity: EntityPath::from(signal.path),
+            last: None,
+            rows: Vec::new(),
+            changes: Vec::new(),
+            known: Vec::new(),
+            described: 0,
+        }
+    }
+}
+
+/// Signals in the order in which they are shown.
+///
+/// Signals are told apart by address, and each is looked for where the last one was found: in the steady state the
+/// first comparison hits, without any hashing of names.
+struct Slots<T> {
+    slots: Vec<(&'static Signal, T)>,
+    cursor: usize,
+}
+
+impl<T> Default for Slots<T> {
+    fn default() -> Self {
+        Self { slots: Vec::new(), cursor: 0 }
+    }
+}
+
+impl<T> Slots<T> {
+    #[inline]
+    fn find(&mut self, signal: &'static Signal) -> Option<usize> {
+        let is_it = |slot: &(&'static Signal, T)| std::ptr::eq(slot.0, signal);
+        let (before, after) = self.slots.split_at(self.cursor);
+        let at = match after.iter().position(is_it) {
+            Some(ahead) => self.cursor + ahead,
+            None => before.iter().position(is_it)?,
+        };
+        self.cursor = at + 1;
+        Some(at)
+    }
+
+    fn insert(&mut self, signal: &'static Signal, value: T) -> usize {
+        let at = self.cursor;
+        self.slots.insert(at, (signal, value));
+        self.cursor = at + 1;
+        at
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    static A: Signal = Signal { path: "test/a", components: &["x", "y"], units: &["m"], about: "" };
+    static B: Signal = Signal { path: "test/b", components: &[], units: &["m"], about: "" };
+    static C: Signal = Signal { path: "test/c", components: &[], units: &["m"], about: "" };
+
+    /// A disk with little room.
+    struct Small(usize);
+
+    impl Write for Small {
+        fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+            if bytes.len() > self.0 {
+                return Err(io::ErrorKind::StorageFull.into());
+            }
+            self.0 -= bytes.len();
+            Ok(bytes.len())
+        }
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    fn onto(target: Small, batch_ticks: usize) -> RerunSink {
+        RerunSink::onto(Box::new(target), "disk", Options { batch_ticks, ..Default::default() })
+    }
+
+    fn run(mut sink: RerunSink, ticks: u64) -> Result<(), SinkError> {
+        sink.begin(&RunHeader { name: "run".to_owned(), ..Default::default() })?;
+        for k in 0..ticks {
+            sink.tick(Tick { k, dt_s: 0.02 })?;
+            sink.vector(&A, &[k as f64, 0.5]);
+        }
+        sink.finish(&Properties::new())
+    }
+
+    #[test]
+    fn a_full_disk_is_an_error_wherever_it_gets_full() {
+        let enough = 10_000_000;
+        run(onto(Small(enough), 100), 5000).unwrap();
+        // From the first byte over the blueprint and the columns to the footer.
+        for room in [0, 8, 20_000, 100_000, 200_000] {
+            let error = run(onto(Small(room), 100), 5000).unwrap_err();
+            assert_eq!(error.what, "disk", "{room}");
+            assert!(error.cause.contains("no storage space"), "{room}: {error}");
+        }
+    }
+
+    #[test]
+    fn a_full_disk_is_heard_before_the_end_of_a_long_run() {
+        let mut sink = onto(Small(150_000), 10);
+        sink.begin(&RunHeader { name: "run".to_owned(), ..Default::default() }).unwrap();
+        let stopped = (0..1_000_000).find(|&k| {
+            let refused = sink.tick(Tick { k, dt_s: 0.02 }).is_err();
+            sink.vector(&A, &[k as f64, 0.5]);
+            refused
+        });
+        assert!(stopped.is_some());
+        assert!(sink.finish(&Properties::new()).is_err());
+    }
+
+    #[test]
+    fn signals_are_found_in_any_order_and_new_ones_get_their_place() {
+        let mut slots = Slots::default();
+        assert_eq!(slots.find(&A), None);
+        slots.insert(&A, 'a');
+        slots.insert(&C, 'c');
+        slots.cursor = 0;
+        assert_eq!(slots.find(&A), Some(0));
+        assert_eq!(slots.find(&B), None);
+        slots.insert(&B, 'b');
+        assert_eq!(slots.slots.iter().map(|slot| slot.1).collect::<String>(), "abc");
+        assert_eq!(slots.find(&C), Some(2));
+        assert_eq!(slots.find(&B), Some(1));
+        assert_eq!(slots.find(&B), Some(1));
+    }
+
+    #[test]
+    fn only_signals_of_every_tick_share_their_times() {
+        let every = Times::new(vec![7, 8, 9], vec![70, 80, 90]);
+        let shared = |rows: &[u32]| std::ptr::eq(times_of(&every, rows).ticks(), every.ticks());
+        assert!(shared(&[0, 1, 2]));
+        assert!(!shared(&[0, 2]));
+        assert!(!shared(&[0, 2, 2]));
+        assert_eq!(times_of(&every, &[0, 2, 2]).ticks(), [7, 9, 9]);
+    }
+
+    #[test]
+    fn times_are_rounded_once() {
+        assert_eq!(nanos(Tick { k: 3, dt_s: 0.02 }), 60_000_000);
+        assert_eq!(nanos(Tick { k: 1_000_000_007, dt_s: 0.02 }), 20_000_000_140_000_000);
+    }
+}

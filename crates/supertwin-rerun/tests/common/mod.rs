@@ -1,0 +1,138 @@
+//! A run that looks like a real one, made up from a few sines.
+
+use supertwin_core::observe::Signal;
+use supertwin_core::run::{Properties, Scene, Severity};
+use supertwin_core::{Event, RunHeader, RunSink, SinkError, Tick};
+
+macro_rules! signals {
+    ($($name:ident = $path:literal $components:expr, $units:expr;)*) => {
+        $(static $name: Signal = Signal { path: $path, components: &$components, units: &$units, about: "" };)*
+    };
+}
+
+signals! {
+    POSE = "plant/truth/pose" ["north", "east", "depth", "heading"], ["m", "m", "m", "rad"];
+    RANGE = "plant/measurements/dvl_range" ["beam1", "beam2", "beam3", "beam4"], ["m"];
+    NAV_NET = "estimator/nav/net" ["distance", "heading"], ["m", "rad"];
+    HEALTH = "estimator/nav/health" ["net_valid", "dead_reckoning"], ["flag"];
+    MODE = "guidance/reference/mode" [], [];
+    DISTANCE = "tracking/distance" ["measured", "reference", "true"], ["m"];
+    SPEED = "tracking/speed" ["measured", "reference", "true"], ["m/s"];
+    SURGE = "tracking/surge" ["measured", "reference", "true"], ["m/s"];
+    SWAY = "tracking/sway" ["measured", "reference", "true"], ["m/s"];
+    DEPTH = "tracking/depth" ["measured", "reference", "true"], ["m"];
+    HEADING = "tracking/heading" ["measured", "reference", "true"], ["rad"];
+    SIGMA = "controller/sigma" ["surge", "sway", "heave", "yaw"], ["m/s", "m/s", "m/s", "rad/s"];
+    K1 = "controller/k1" ["surge", "sway", "heave", "yaw"], ["1"];
+    K2 = "controller/k2" ["surge", "sway", "heave", "yaw"], ["1"];
+    Z = "controller/z" ["surge", "sway", "heave", "yaw"], ["N", "N", "N", "N m"];
+    REQUESTED = "controller/thrust/requested" ["surge", "sway", "heave", "yaw"], ["N", "N", "N", "N m"];
+    ALLOCATED = "controller/thrust/allocated" ["surge", "sway", "heave", "yaw"], ["N", "N", "N", "N m"];
+    FORCE = "controller/thrust/force" ["t1", "t2", "t3", "t4", "t5", "t6", "t7", "t8"], ["N"];
+}
+
+/// Length of a tick in the made-up run.
+pub(crate) const DT_S: f64 = 0.02;
+
+const RADIUS_M: f64 = 25.0;
+const DEPTH_M: f64 = 15.0;
+
+/// A cylinder of net around the origin, with the DVL's four beams 25° off the bow.
+pub(crate) fn header(name: &str) -> RunHeader {
+    let point = |angle: f64, depth: f64| [RADIUS_M * angle.cos(), RADIUS_M * angle.sin(), depth];
+    let turn = std::f64::consts::TAU;
+    let rings = (0..=5).map(|i| (0..=72).map(|j| point(turn * f64::from(j) / 72.0, 3.0 * f64::from(i))).collect());
+    let ribs =
+        (0..36).map(|j| vec![point(turn * f64::from(j) / 36.0, 0.0), point(turn * f64::from(j) / 36.0, DEPTH_M)]);
+    let (s, c) = (25f64.to_radians().sin() / 2f64.sqrt(), 25f64.to_radians().cos());
+    let mut properties = Properties::new();
+    properties.insert("controller".to_owned(), "adaptive".into());
+    properties.insert("seed".to_owned(), u64::MAX.into());
+    properties.insert("dt_s".to_owned(), DT_S.into());
+    RunHeader {
+        name: name.to_owned(),
+        properties,
+        scene: Scene {
+            net_lines_m: rings.chain(ribs).collect(),
+            body_half_size_m: [0.4, 0.3, 0.2],
+            beams: [[c, s, s], [c, s, -s], [c, -s, -s], [c, -s, s]],
+        },
+    }
+}
+
+/// Shows `ticks` ticks of a vehicle that approaches the net and follows it.
+pub(crate) fn play(sink: &mut impl RunSink, ticks: u64) -> Result<(), SinkError> {
+    for k in 0..ticks {
+        sink.tick(Tick { k, dt_s: DT_S })?;
+        let t = k as f64 * DT_S;
+        let noise = |i: f64| 0.04 * ((k as f64 * 12.9898 + i * 78.233).sin() * 43758.5453).fract();
+        let settle = 1.0 - (-t / 4.0).exp();
+        let following = t > 20.0;
+        let wanted = if following { 1.5 } else { 3.0 };
+        let since = if following { 1.0 - (-(t - 20.0) / 3.0).exp() } else { 0.0 };
+        let distance = 3.0 - 1.5 * since + 0.05 * (0.9 * t).sin();
+        let along = if following { 0.2 * (t - 20.0) } else { 0.0 };
+        let angle = along / (RADIUS_M - 1.5) - 0.4;
+        let depth = 1.0 + 3.0 * settle + 0.05 * (0.8 * t).sin();
+        let radius = RADIUS_M - distance;
+        let heading = angle + 0.05 * (0.5 * t).sin();
+
+        sink.vector(&POSE, &[radius * angle.cos(), radius * angle.sin(), depth, heading]);
+        if k.is_multiple_of(10) {
+            let range = |i: f64| if (k / 10 + i as u64).is_multiple_of(17) { 0.0 } else { distance / 0.906 + noise(i) };
+            sink.vector(&RANGE, &[range(1.0), range(2.0), range(3.0), range(4.0)]);
+        }
+        sink.vector(&NAV_NET, &[distance + noise(1.0), angle + noise(2.0)]);
+        sink.vector(&HEALTH, &[1.0, f64::from(u8::from((300..330).contains(&k)))]);
+        sink.label(
+            &MODE,
+            if t < 2.0 {
+                "neutral"
+            } else if following {
+                "follow_net"
+            } else {
+                "depth_heading_hold"
+            },
+        );
+        let three = |wanted: f64, real: f64, i: f64| [real + noise(i), wanted, real];
+        sink.vector(&DISTANCE, &three(wanted, distance, 3.0));
+        sink.vector(&SPEED, &three(0.2 * f64::from(u8::from(following)), 0.2 * since + 0.02 * t.sin().abs(), 4.0));
+        sink.vector(&SURGE, &three(0.0, 0.3 * since * (1.0 - since) + 0.02 * (0.9 * t).cos(), 5.0));
+        sink.vector(&SWAY, &three(0.2 * f64::from(u8::from(following)), 0.2 * since + 0.02 * t.sin(), 6.0));
+        sink.vector(&DEPTH, &three(4.0, depth, 7.0));
+        sink.vector(&HEADING, &three(angle, heading, 8.0));
+        let decay = (-t / 6.0).exp() + 0.5 * since * (1.0 - since);
+        let four = |scale: f64, i: f64| {
+            [1.0, 0.7, -0.6, 0.3].map(|gain| scale * gain * (decay + 0.1 * (0.7 * t + i + gain).sin()))
+        };
+        sink.vector(&SIGMA, &four(0.3, 0.0));
+        sink.vector(&K1, &[8.0, 7.0, 9.0, 3.0].map(|gain| gain * settle));
+        sink.vector(&K2, &[0.8, 0.7, 0.9, 0.3].map(|gain| gain * settle));
+        sink.vector(&Z, &four(12.0, 1.0));
+        let requested = four(60.0, 2.0);
+        sink.vector(&REQUESTED, &requested);
+        sink.vector(&ALLOCATED, &requested.map(|force| force.clamp(-40.0, 40.0)));
+        let forces = [1.0, -1.0, 0.8, -0.8, 0.5, 0.4].map(|gain| gain * requested[0].clamp(-40.0, 40.0) / 2.0);
+        sink.vector(&FORCE, &forces);
+        let happens = match k {
+            100 => Some((Severity::Info, "depth and heading hold")),
+            300 => Some((Severity::Warning, "no velocity from the DVL for 0.5 s: dead reckoning")),
+            1000 => Some((Severity::Info, "follow net at 1.5 m, 0.2 m/s to starboard")),
+            1500 => Some((Severity::Error, "allocation clipped surge: 63 N requested, 40 N possible")),
+            _ => None,
+        };
+        if let Some((severity, text)) = happens {
+            let service = if k == 300 { "estimator" } else { "guidance" };
+            sink.event(&Event { tick: k, service: service.into(), severity, text: text.into() })?;
+        }
+    }
+    Ok(())
+}
+
+/// Scores, as at the end of a run.
+pub(crate) fn results() -> Properties {
+    let mut results = Properties::new();
+    results.insert("rmse_distance_m".to_owned(), 0.0123.into());
+    results.insert("state_hash".to_owned(), "0123456789abcdef".into());
+    results
+}

@@ -1,0 +1,170 @@
+//! `supertwin check`: what a configuration file says, as it was understood.
+
+use crate::cli::CheckArguments;
+use crate::failure::Failure;
+use crate::output;
+use serde::de::DeserializeOwned;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use supertwin_lab::config::Loaded;
+use supertwin_lab::trial::{self, SafetyConfig, VehicleConfig};
+use supertwin_lab::{ConfigError, Library};
+use toml::{Table, Value};
+
+/// Folders of the library, and the section each holds.
+const FOLDERS: [(&str, &str); 8] = [
+    ("trials", "trial"),
+    ("vehicles", "vehicle"),
+    ("environments", "environment"),
+    ("sensors", "sensors"),
+    ("estimators", "estimator"),
+    ("guidance", "guidance"),
+    ("safety", "safety"),
+    ("controllers", "controller"),
+];
+
+/// Does it.
+pub(crate) fn check(arguments: &CheckArguments, library: &Library) -> Result<ExitCode, Failure> {
+    let files = if arguments.files.is_empty() { all(library) } else { arguments.files.clone() };
+    if files.is_empty() {
+        return Err(Failure::Path {
+            path: library.root().display().to_string(),
+            cause: "no configuration files there; name them, or the folder with --config".to_owned(),
+        });
+    }
+    let mut understood = serde_json::Map::new();
+    let mut wrong = 0;
+    for file in &files {
+        match understand(file, library) {
+            Ok(table) if arguments.json => {
+                let value = serde_json::to_value(&table)
+                    .map_err(|cause| Failure::Call(format!("{}: {cause}", file.display())))?;
+                understood.insert(file.display().to_string(), value);
+            }
+            Ok(table) if arguments.files.is_empty() => output::print(&format!("{}: {}", file.display(), summary(&table))),
+            Ok(table) => output::print(&format!("{}\n{}", file.display(), lines(&table))),
+            Err(error) => {
+                wrong += 1;
+                output::warn(&format!("error: {error}"));
+            }
+        }
+    }
+    if arguments.json {
+        output::print(&format!("{:#}", serde_json::Value::Object(understood)));
+    }
+    Ok(if wrong == 0 { ExitCode::SUCCESS } else { ExitCode::from(2) })
+}
+
+fn all(library: &Library) -> Vec<PathBuf> {
+    FOLDERS
+        .iter()
+        .flat_map(|(folder, _)| library.names(folder).into_iter().map(|name| library.path(folder, &name)))
+        .collect()
+}
+
+/// Reads a file as what its folder says it is; a trial with everything it names.
+fn understand(file: &Path, library: &Library) -> Result<Table, ConfigError> {
+    let name = file.display().to_string();
+    let name = if name.contains(std::path::MAIN_SEPARATOR) { name } else { format!("./{name}") };
+    let folder = std::path::absolute(file)
+        .ok()
+        .and_then(|path| Some(path.parent()?.file_name()?.to_string_lossy().into_owned()))
+        .unwrap_or_default();
+    let section = FOLDERS.iter().find(|(known, _)| *known == folder).map_or("trial", |(_, section)| section);
+    Ok(match section {
+        "vehicle" => table::<VehicleConfig>(library, section, &name)?,
+        "environment" => table::<supertwin_lab::trial::EnvironmentConfig>(library, section, &name)?,
+        "sensors" => table::<supertwin_lab::trial::SensorsConfig>(library, section, &name)?,
+        "estimator" => table::<supertwin_lab::trial::EstimatorConfig>(library, section, &name)?,
+        "guidance" => table::<supertwin_lab::trial::GuidanceConfig>(library, section, &name)?,
+        "safety" => table::<SafetyConfig>(library, section, &name)?,
+        "controller" => table::<supertwin_lab::trial::ControllerConfig>(library, section, &name)?,
+        _ => {
+            let resolved = trial::load(library, &name)?;
+            let mut whole = Table::new();
+            for one in resolved {
+                let table: Table = supertwin_lab::config::parse(&name, &one.text)?;
+                for (key, value) in table {
+                    let key = if key == "controller" { format!("controller {}", one.controller_name) } else { key };
+                    whole.insert(key, value);
+                }
+            }
+            whole
+        }
+    })
+}
+
+fn table<T: DeserializeOwned>(library: &Library, section: &str, name: &str) -> Result<Table, ConfigError> {
+    let loaded: Loaded<T> = library.load(section, "", name)?;
+    Ok(loaded.table)
+}
+
+fn summary(table: &Table) -> String {
+    let description = table
+        .get("description")
+        .or_else(|| table.get("trial").and_then(|trial| trial.get("description")))
+        .and_then(Value::as_str)
+        .unwrap_or_default();
+    description.split_whitespace().take(14).collect::<Vec<_>>().join(" ") + " …"
+}
+
+/// One value per line, with its unit.
+fn lines(table: &Table) -> String {
+    let mut rows = Vec::new();
+    flatten("", &Value::Table(table.clone()), &mut rows);
+    let width = rows.iter().map(|(path, _)| path.chars().count()).max().unwrap_or(0);
+    rows.iter().map(|(path, value)| format!("  {path:width$}  {value}\n")).collect()
+}
+
+fn flatten(path: &str, value: &Value, rows: &mut Vec<(String, String)>) {
+    let join = |key: &str| if path.is_empty() { key.to_owned() } else { format!("{path}.{key}") };
+    match value {
+        Value::Table(table) => table.iter().for_each(|(key, value)| flatten(&join(key), value, rows)),
+        Value::Array(array) if array.iter().any(|item| item.is_table() || item.is_array()) => {
+            array.iter().enumerate().for_each(|(i, value)| flatten(&join(&i.to_string()), value, rows));
+        }
+        Value::String(text) => rows.push((path.to_owned(), text.trim().replace('\n', " "))),
+        other => rows.push((path.to_owned(), format!("{other} {}", unit(path)).trim_end().to_owned())),
+    }
+}
+
+/// The unit that the last word of a path carries.
+fn unit(path: &str) -> String {
+    const UNITS: [(&str, &str); 34] = [
+        ("_n_s2_per_m2", "N s²/m²"),
+        ("_nm_s2_per_rad2", "N m s²/rad²"),
+        ("_n_s_per_m", "N s/m"),
+        ("_nm_s_per_rad", "N m s/rad"),
+        ("_rad_per_s", "rad/s"),
+        ("_m_per_s", "m/s"),
+        ("_rad_per_m", "rad/m"),
+        ("_m_per_m", "m/m"),
+        ("_per_s", "1/s"),
+        ("_per_m", "1/m"),
+        ("_kg_m2", "kg m²"),
+        ("_kg", "kg"),
+        ("_nm", "N m"),
+        ("_n", "N"),
+        ("_rad", "rad"),
+        ("_m", "m"),
+        ("_s", "s"),
+        ("alpha_tol.surge", "m/s"),
+        ("alpha_tol.sway", "m/s"),
+        ("alpha_tol.heave", "m"),
+        ("alpha_tol.yaw", "rad"),
+        ("k1.surge", "N/√σ"),
+        ("k1.sway", "N/√σ"),
+        ("k1.heave", "N/√σ"),
+        ("k1.yaw", "N m/√σ"),
+        ("k2.surge", "N/s"),
+        ("k2.sway", "N/s"),
+        ("k2.heave", "N/s"),
+        ("k2.yaw", "N m/s"),
+        ("kp.surge", "N s/m"),
+        ("kp.sway", "N s/m"),
+        ("kp.heave", "N/m"),
+        ("kp.yaw", "N m/rad"),
+        ("dvl.std", "m/s"),
+    ];
+    UNITS.iter().find(|(suffix, _)| path.ends_with(suffix)).map_or_else(String::new, |(_, unit)| (*unit).to_owned())
+}

@@ -1,0 +1,254 @@
+//! `supertwin run`: trials × controllers × seeds in one process, recorded and scored.
+
+use crate::cli::RunArguments;
+use crate::clock::Stopwatch;
+use crate::failure::{Failure, INTERRUPTED};
+use crate::{output, tables};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use rayon::prelude::*;
+use serde::Serialize;
+use std::io::IsTerminal;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use supertwin_core::run::Properties;
+use supertwin_core::{NoSink, RunSink};
+use supertwin_lab::run::run_name;
+use supertwin_lab::{Library, ResolvedTrial, RunError, RunOutcome, Scores, trial};
+use supertwin_rerun::{Options, RerunSink};
+
+/// The paper's three case studies.
+const DEFAULT_TRIALS: [&str; 3] = ["paper-gsta", "paper-agsta", "paper-pid"];
+
+/// One run to be done.
+struct Job {
+    trial: ResolvedTrial,
+    seed: u64,
+    recording: Option<PathBuf>,
+}
+
+/// One run that was done.
+#[derive(Debug, Serialize)]
+pub(crate) struct Done {
+    pub(crate) trial: String,
+    pub(crate) controller: String,
+    pub(crate) seed: u64,
+    pub(crate) hash: String,
+    pub(crate) ticks: u64,
+    pub(crate) complete: bool,
+    pub(crate) warnings: u64,
+    pub(crate) wall_s: f64,
+    pub(crate) real_time_factor: f64,
+    pub(crate) recording: Option<PathBuf>,
+    pub(crate) scores: Scores,
+    #[serde(skip)]
+    pub(crate) paper: Option<supertwin_lab::paper::PaperColumn>,
+}
+
+
+/// The JSON object of `--json`.
+#[derive(Debug, Serialize)]
+struct Report<'a> {
+    runs: &'a [Done],
+}
+
+/// Does it.
+pub(crate) fn run(arguments: &RunArguments, library: &Library) -> Result<ExitCode, Failure> {
+    let names: Vec<&str> = if arguments.trials.is_empty() {
+        DEFAULT_TRIALS.to_vec()
+    } else {
+        arguments.trials.iter().map(String::as_str).collect()
+    };
+    let mut trials = Vec::new();
+    for name in names {
+        trials.extend(trial::load(library, name)?);
+    }
+    let mut jobs = jobs(arguments, trials)?;
+    if !arguments.no_record {
+        let folder = create_folder(arguments.out.as_deref())?;
+        for job in &mut jobs {
+            let path = folder.join(format!("{}.rrd", run_name(&job.trial, job.seed)));
+            if path.exists() && !arguments.force {
+                return Err(Failure::Path {
+                    path: path.display().to_string(),
+                    cause: "exists already; use --force to replace it, or another --out".to_owned(),
+                });
+            }
+            job.recording = Some(path);
+        }
+    }
+
+    let stop = Arc::new(AtomicBool::new(false));
+    let flag = Arc::clone(&stop);
+    ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed))
+        .map_err(|cause| Failure::Call(format!("Ctrl-C can't be caught: {cause}")))?;
+
+    let progress = progress(&jobs, arguments.json);
+    let clock = Stopwatch::start();
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(usize::from(arguments.jobs.unwrap_or(0)))
+        .build()
+        .map_err(|cause| Failure::Call(format!("threads: {cause}")))?;
+    let results: Vec<Result<Option<Done>, Failure>> =
+        pool.install(|| jobs.par_iter().map(|job| one(job, arguments.force, &stop, &progress)).collect());
+    progress.finish_and_clear();
+    let wall_s = clock.elapsed_s();
+
+    let mut done = Vec::with_capacity(results.len());
+    let mut failures = Vec::new();
+    for result in results {
+        match result {
+            Ok(Some(run)) => done.push(run),
+            Ok(None) => {}
+            Err(failure) => failures.push(failure),
+        }
+    }
+    let interrupted = stop.load(Ordering::Relaxed);
+    report(&done, arguments.json, wall_s)?;
+    if interrupted {
+        output::warn(&format!("interrupted: {} of {} runs, recordings are closed", done.len(), jobs.len()));
+    }
+    let mut failures = failures.into_iter();
+    if let Some(first) = failures.next() {
+        for failure in failures {
+            output::warn(&format!("error: {failure}"));
+        }
+        return Err(first);
+    }
+    Ok(if interrupted { ExitCode::from(INTERRUPTED) } else { ExitCode::SUCCESS })
+}
+
+fn jobs(arguments: &RunArguments, trials: Vec<ResolvedTrial>) -> Result<Vec<Job>, Failure> {
+    let mut jobs: Vec<Job> = Vec::new();
+    for trial in trials {
+        let first = arguments.seed.unwrap_or(trial.trial.seed);
+        for seed in first..first.saturating_add(arguments.seeds.unwrap_or(1)) {
+            let name = run_name(&trial, seed);
+            if jobs.iter().any(|job| job.seed == seed && run_name(&job.trial, job.seed) == name) {
+                return Err(Failure::Call(format!("run {name} is asked for twice: name every trial once")));
+            }
+            jobs.push(Job { trial: trial.clone(), seed, recording: None });
+        }
+    }
+    Ok(jobs)
+}
+
+/// The folder asked for, or the first free `runs/NNNN`.
+fn create_folder(out: Option<&Path>) -> Result<PathBuf, Failure> {
+    let wrong = |path: &Path, cause: &std::io::Error| Failure::Path {
+        path: path.display().to_string(),
+        cause: format!("can't create the folder for recordings: {cause}"),
+    };
+    if let Some(out) = out {
+        std::fs::create_dir_all(out).map_err(|cause| wrong(out, &cause))?;
+        return Ok(out.to_owned());
+    }
+    let root = Path::new("runs");
+    std::fs::create_dir_all(root).map_err(|cause| wrong(root, &cause))?;
+    for number in 1..=9999 {
+        let folder = root.join(format!("{number:04}"));
+        match std::fs::create_dir(&folder) {
+            Ok(()) => return Ok(folder),
+            Err(cause) if cause.kind() == std::io::ErrorKind::AlreadyExists => {}
+            Err(cause) => return Err(wrong(&folder, &cause)),
+        }
+    }
+    Err(Failure::Path { path: "runs".to_owned(), cause: "9999 folders are there already; use --out".to_owned() })
+}
+
+fn progress(jobs: &[Job], json: bool) -> ProgressBar {
+    let total = jobs.iter().map(|job| job.trial.ticks()).sum();
+    let target = if std::io::stderr().is_terminal() && !json {
+        ProgressDrawTarget::stderr()
+    } else {
+        ProgressDrawTarget::hidden()
+    };
+    let bar = ProgressBar::with_draw_target(Some(total), target);
+    if let Ok(style) = ProgressStyle::with_template("{bar:40} {percent:>3} %  {msg}  {eta} left") {
+        bar.set_style(style);
+    }
+    bar.set_message(format!("{} runs", jobs.len()));
+    bar
+}
+
+fn one(job: &Job, force: bool, stop: &AtomicBool, progress: &ProgressBar) -> Result<Option<Done>, Failure> {
+    if stop.load(Ordering::Relaxed) {
+        return Ok(None);
+    }
+    let name = run_name(&job.trial, job.seed);
+    let clock = Stopwatch::start();
+    let outcome = match &job.recording {
+        Some(path) => RerunSink::create(path, Options { overwrite: force, ..Options::default() })
+            .map_err(RunError::from)
+            .and_then(|mut sink| watched(job, &mut sink, true, stop, progress)),
+        None => watched(job, &mut NoSink, false, stop, progress),
+    };
+    let outcome = outcome.map_err(|cause| Failure::Run { name, cause })?;
+    let wall_s = clock.elapsed_s();
+    let simulated_s = outcome.ticks as f64 * job.trial.trial.tick_s.get();
+    Ok(Some(Done {
+        trial: job.trial.name.clone(),
+        controller: job.trial.controller_name.clone(),
+        seed: job.seed,
+        hash: outcome.digest.to_string(),
+        ticks: outcome.ticks,
+        complete: outcome.complete,
+        warnings: outcome.warnings,
+        wall_s,
+        real_time_factor: simulated_s / wall_s,
+        recording: job.recording.clone(),
+        scores: outcome.scores,
+        paper: job.trial.controller.paper_column,
+    }))
+}
+
+fn watched<S: RunSink>(
+    job: &Job,
+    sink: &mut S,
+    recording: bool,
+    stop: &AtomicBool,
+    progress: &ProgressBar,
+) -> Result<RunOutcome, RunError> {
+    let provenance = Properties::from([("git_commit".to_owned(), env!("SUPERTWIN_GIT_COMMIT").into())]);
+    let mut shown = 0;
+    let outcome = supertwin_lab::run(&job.trial, job.seed, sink, recording.then_some(&provenance), |ticks| {
+        progress.inc(ticks - shown);
+        shown = ticks;
+        !stop.load(Ordering::Relaxed)
+    });
+    progress.inc(job.trial.ticks() - shown);
+    outcome
+}
+
+fn report(done: &[Done], json: bool, wall_s: f64) -> Result<(), Failure> {
+    if json {
+        let text = serde_json::to_string_pretty(&Report { runs: done })
+            .map_err(|cause| Failure::Call(format!("the report can't be written as JSON: {cause}")))?;
+        output::print(&text);
+        return Ok(());
+    }
+    if done.is_empty() {
+        return Ok(());
+    }
+    output::print(&tables::scores(done));
+    let simulated_s: f64 = done.iter().map(|run| run.wall_s * run.real_time_factor).sum();
+    let warnings: u64 = done.iter().map(|run| run.warnings).sum();
+    output::print(&format!(
+        "{} runs, {simulated_s:.0} s simulated in {wall_s:.2} s: {:.0} times real time; {warnings} warnings in the events.",
+        done.len(),
+        simulated_s / wall_s
+    ));
+    if let [only] = done {
+        output::print(&format!("State hash {}.", only.hash));
+    }
+    if let Some(path) = done.iter().find_map(|run| run.recording.as_ref()) {
+        let folder = path.parent().unwrap_or(Path::new("."));
+        output::print(&format!(
+            "Recordings in {}; open one with: rerun {} (pip install rerun-sdk==0.36.3)",
+            folder.display(),
+            path.display()
+        ));
+    }
+    Ok(())
+}
