@@ -15,12 +15,13 @@ pub struct DigestProbe {
     words: [[u8; 8]; CAPACITY],
     len: usize,
     folded: u64,
-    non_finite: Option<&'static Signal>,
+    /// Sum of `x · 0` over everything heard: 0 for numbers, NaN as soon as one was not.
+    finite: f64,
 }
 
 impl Default for DigestProbe {
     fn default() -> Self {
-        Self { words: [[0; 8]; CAPACITY], len: 0, folded: 0, non_finite: None }
+        Self { words: [[0; 8]; CAPACITY], len: 0, folded: 0, finite: 0.0 }
     }
 }
 
@@ -37,18 +38,23 @@ impl DigestProbe {
         core::mem::take(&mut self.folded)
     }
 
-    /// The first signal that showed a NaN or an infinity, if any did.
-    #[must_use]
-    pub fn non_finite(&self) -> Option<&'static Signal> {
-        self.non_finite
+    /// Whether everything heard since the last call was a number.
+    pub fn take_finite(&mut self) -> bool {
+        core::mem::take(&mut self.finite) == 0.0
     }
 
     fn fold(&mut self) {
+        if self.finite.is_nan() {
+            for word in &mut self.words[..self.len] {
+                *word = canonical_nan(u64::from_le_bytes(*word)).to_le_bytes();
+            }
+        }
         self.folded = xxh3_64_with_seed(self.words[..self.len].as_flattened(), self.folded);
         self.len = 0;
     }
 
     /// Room for `count` more words, at most the capacity.
+    #[inline(always)]
     fn reserve(&mut self, count: usize) -> &mut [[u8; 8]] {
         if self.len + count > CAPACITY {
             self.fold();
@@ -59,28 +65,23 @@ impl DigestProbe {
     }
 }
 
-/// −0 and NaN in one form each.
-fn canonical(x: f64) -> u64 {
-    if x.is_nan() { f64::NAN.to_bits() & !(1 << 63) } else { (x + 0.0).to_bits() }
+/// NaN in one form.
+fn canonical_nan(bits: u64) -> u64 {
+    if f64::from_bits(bits).is_nan() { f64::NAN.to_bits() & !(1 << 63) } else { bits }
 }
 
 impl Probe for DigestProbe {
-    fn vector(&mut self, signal: &'static Signal, values: &[f64]) {
-        for values in values.chunks(CAPACITY) {
-            let room = self.reserve(values.len());
-            // x · 0 is 0 for every number and NaN for everything else: one test for all of them.
-            let mut all_finite: f64 = 0.0;
-            for (word, x) in room.iter_mut().zip(values) {
-                *word = (x + 0.0).to_bits().to_le_bytes();
-                all_finite += x * 0.0;
-            }
-            if all_finite.is_nan() {
-                for (word, x) in room.iter_mut().zip(values) {
-                    *word = canonical(*x).to_le_bytes();
-                }
-                self.non_finite.get_or_insert(signal);
-            }
+    // Most callers show arrays of known length: inlined, the loop has no loop.
+    #[inline(always)]
+    fn vector(&mut self, _: &'static Signal, values: &[f64]) {
+        debug_assert!(values.len() <= CAPACITY, "a signal wider than the hash's buffer");
+        let mut finite = self.finite;
+        for (word, x) in self.reserve(values.len()).iter_mut().zip(values) {
+            // Adding zero turns −0 into 0.
+            *word = (x + 0.0).to_bits().to_le_bytes();
+            finite += x * 0.0;
         }
+        self.finite = finite;
     }
     fn label(&mut self, _: &'static Signal, value: &'static str) {
         self.reserve(1)[0] = xxh3_64(value.as_bytes()).to_le_bytes();

@@ -13,6 +13,7 @@ use nalgebra::Vector3;
 /// let a = supertwin_core::frame::ssa(3.5 * std::f64::consts::PI);
 /// assert!((a + std::f64::consts::FRAC_PI_2).abs() < 1e-12);
 /// ```
+#[inline]
 #[must_use]
 pub fn ssa(angle_rad: f64) -> f64 {
     if (-PI..PI).contains(&angle_rad) {
@@ -39,12 +40,14 @@ impl Heading {
     }
 
     /// `R_nb v_b`: body coordinates into NED coordinates.
+    #[inline]
     #[must_use]
     pub fn ned_from_body(self, v: Vector3<f64>) -> Vector3<f64> {
         Vector3::new(self.cos * v.x - self.sin * v.y, self.sin * v.x + self.cos * v.y, v.z)
     }
 
     /// `R_nbᵀ v_n`: NED coordinates into body coordinates.
+    #[inline]
     #[must_use]
     pub fn body_from_ned(self, v: Vector3<f64>) -> Vector3<f64> {
         Vector3::new(self.cos * v.x + self.sin * v.y, -self.sin * v.x + self.cos * v.y, v.z)
@@ -53,6 +56,7 @@ impl Heading {
     /// The same heading turned by a small angle: the angle-sum theorem with the fifth-order series of sine and cosine.
     ///
     /// The truncation error is below 1e-16 for |delta| ≤ 0.01 rad; larger angles take the exact functions.
+    #[inline]
     #[must_use]
     pub fn turned(self, delta_rad: f64) -> Self {
         let d2 = delta_rad * delta_rad;

@@ -32,17 +32,11 @@ pub trait Probe {
     fn label(&mut self, signal: &'static Signal, value: &'static str);
 
     /// A single number.
+    #[inline]
     fn scalar(&mut self, signal: &'static Signal, value: f64) {
         self.vector(signal, &[value]);
     }
 
-    /// Flags, shown as 0 and 1.
-    fn flags<const N: usize>(&mut self, signal: &'static Signal, values: [bool; N])
-    where
-        Self: Sized,
-    {
-        self.vector(signal, &values.map(|flag| if flag { 1.0 } else { 0.0 }));
-    }
 }
 
 /// Everything that shows itself.
@@ -92,7 +86,13 @@ impl Snapshot {
     /// No value is NaN or infinite.
     #[must_use]
     pub fn is_finite(&self) -> bool {
-        self.vectors.iter().all(|(_, values)| values.iter().all(|x| x.is_finite()))
+        self.first_non_finite().is_none()
+    }
+
+    /// The first signal with a value that is NaN or infinite.
+    #[must_use]
+    pub fn first_non_finite(&self) -> Option<&'static Signal> {
+        self.vectors.iter().find(|(_, values)| !values.iter().all(|x| x.is_finite())).map(|(signal, _)| *signal)
     }
 }
 

@@ -10,6 +10,7 @@ use std::borrow::Cow;
 use supertwin_core::command::{Command, LinkCommand, Wire as WireName};
 use supertwin_core::digest::{DigestProbe, RunDigest, block_digest};
 use supertwin_core::message::{Measurements, Nav, NavHealth, Reference, Thrust, Truth, WrenchRequest};
+use supertwin_core::observe::Snapshot;
 use supertwin_core::random::Stream;
 use supertwin_core::run::Severity;
 use supertwin_core::{Block, Event, Observe, Prev, Probe, Refusal, Signal, Tick};
@@ -225,10 +226,11 @@ impl Twin {
                 block_digest(probe, &self.controller, now.thrust),
             ];
         }
-        match probe.non_finite() {
-            Some(signal) => Err(NonFinite { k: tick.k, path: signal.path }),
-            None => Ok(self.run_digest.fold(tick, self.digests)),
+        if probe.take_finite() {
+            return Ok(self.run_digest.fold(tick, self.digests));
         }
+        let culprit = Snapshot::of(self).first_non_finite();
+        Err(NonFinite { k: tick.k, path: culprit.map_or("an unnamed quantity", |signal| signal.path) })
     }
 
     /// Hashes of plant, estimator, guidance and controller at the last tick.

@@ -147,6 +147,7 @@ impl Hydrodynamics {
     }
 
     /// `C(nu) nu = [−m22 v r, m11 u r, 0, (m22 − m11) u v]`.
+    #[inline]
     #[must_use]
     pub fn coriolis(&self, nu: &Vector4<f64>) -> Vector4<f64> {
         let [u, v, _, r] = [nu[0], nu[1], nu[2], nu[3]];
@@ -154,12 +155,14 @@ impl Hydrodynamics {
     }
 
     /// `D(nu) nu = (D_l + D_q |nu|) nu`, axis by axis.
+    #[inline]
     #[must_use]
     pub fn damping(&self, nu: &Vector4<f64>) -> Vector4<f64> {
         (self.D_l + self.D_q.component_mul(&nu.abs())).component_mul(nu)
     }
 
     /// `nu' = M⁻¹ (tau − C(nu) nu − D(nu) nu − g)` in still water, or relative to water that does not accelerate.
+    #[inline]
     #[must_use]
     pub fn acceleration(&self, nu: &Vector4<f64>, tau: &Vector4<f64>) -> Vector4<f64> {
         self.M_inv.component_mul(&(tau - self.coriolis(nu) - self.damping(nu) - self.g))

@@ -100,12 +100,14 @@ impl Thrusters {
     }
 
     /// `tau = B f`.
+    #[inline]
     #[must_use]
     pub fn wrench(&self, f: &Forces) -> Vector4<f64> {
         self.B * f
     }
 
     /// `f = B⁺ tau`: the smallest forces that make a wrench, without limits.
+    #[inline]
     #[must_use]
     pub fn forces(&self, tau: &Vector4<f64>) -> Forces {
         self.B_pinv * tau

@@ -9,8 +9,8 @@ use supertwin_core::random::{Draw, Stream};
 /// Most undulations that a net can have.
 pub const MAX_UNDULATIONS: usize = 4;
 
-/// Fixed-point iterations of the ray caster, each about twenty times nearer; the residual is tested.
-const ITERATIONS: usize = 4;
+/// Fixed-point corrections of the ray caster, each about ten times nearer; the residual is tested.
+const CORRECTIONS: usize = 3;
 
 /// Pen of an environment file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -154,18 +154,16 @@ impl Cage {
         }
         let along = from_m.x * ray.x + from_m.y * ray.y;
         let r2 = from_m.x * from_m.x + from_m.y * from_m.y;
-        // |p_h + s d_h| = R with R taken where the last iteration hit.
-        let mut radius = radius_m;
-        let mut range = 0.0;
-        for iteration in 0..ITERATIONS {
+        // |p_h + s d_h| = R, with R taken where the last iteration hit.
+        let to_radius = |radius: f64| {
             let discriminant = along * along - horizontal2 * (r2 - radius * radius);
-            range = (libm::sqrt(discriminant.max(0.0)) - along) / horizontal2;
-            if iteration + 1 == ITERATIONS {
-                break;
-            }
+            (libm::sqrt(discriminant.max(0.0)) - along) / horizontal2
+        };
+        let mut range = to_radius(radius_m);
+        for _ in 0..CORRECTIONS {
             let (x, y) = (from_m.x + range * ray.x, from_m.y + range * ray.y);
             let inverse = 1.0 / libm::sqrt((x * x + y * y).max(1e-12));
-            radius = self.radius([x * inverse, y * inverse], from_m.z + range * ray.z);
+            range = to_radius(self.radius([x * inverse, y * inverse], from_m.z + range * ray.z));
         }
         (range > 0.0).then_some(range)
     }

@@ -5,7 +5,7 @@ use crate::current::Current;
 use crate::environment::EnvironmentConfig;
 use crate::propulsion::{Propulsion, PropulsionConfig};
 use crate::sensors::{Compass, DepthSensor, Dvl, DvlScene, Gyro, SensorsConfig};
-use crate::waves::Waves;
+use crate::waves::{WaveMotion, Waves};
 use nalgebra::{SVector, Vector3, Vector4};
 use serde::{Deserialize, Serialize};
 use supertwin_core::check::Finite;
@@ -78,6 +78,8 @@ pub struct Plant {
     arm_m: f64,
     current: Current,
     waves: Waves,
+    /// The waves' motion at the present state.
+    sea: WaveMotion,
     cage: Cage,
     tether: OrnsteinUhlenbeck<4>,
     dvl: Dvl,
@@ -133,6 +135,7 @@ impl Plant {
             propulsion: Propulsion::new(config.propulsion, config.thrusters, config.dt_s, substep_s)?,
             arm_m: config.unmodelled.sway_to_yaw_arm_m.get(),
             current: Current::new(&environment.current, seed, config.dt_s),
+            sea: waves.motion(),
             waves,
             cage,
             tether: OrnsteinUhlenbeck::new(
@@ -179,12 +182,15 @@ impl Plant {
             let tau = self.propulsion.wrench();
             disturbance = tether;
             disturbance[3] += self.arm_m * tau[1];
-            let sea = self.waves.motion();
+            let sea = self.sea;
             self.integrate(&(tau + disturbance), &(current + sea.velocity), &sea.acceleration);
             let position = self.position();
             self.waves.advance(&position);
+            if substep + 1 == self.substeps {
+                self.waves.correct(tick.t_s());
+            }
+            self.sea = self.waves.motion();
         }
-        self.waves.correct(tick.t_s());
         self.state[3] = ssa(self.state[3]);
         self.cage.set_time(tick.t_s());
         self.tell_truth(&current, &disturbance);
@@ -216,7 +222,7 @@ impl Plant {
 
     fn tell_truth(&mut self, current: &Vector3<f64>, disturbance: &Vector4<f64>) {
         let (net_distance_m, [north, east]) = self.cage.gap(&self.position());
-        let water = self.heading.body_from_ned(current + self.waves.motion().velocity);
+        let water = self.heading.body_from_ned(current + self.sea.velocity);
         let x = &self.state;
         let truth = &mut self.truth;
         truth.north_m = x[0];
