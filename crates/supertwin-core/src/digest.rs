@@ -6,6 +6,9 @@ use xxhash_rust::xxh3::{xxh3_64, xxh3_64_with_seed};
 /// Room for what a block shows at one tick; more is folded in pieces.
 const CAPACITY: usize = 256;
 
+/// Labels that are remembered from one round to the next.
+const LABELS: usize = 8;
+
 /// A listener that hashes what it hears: values in canonical form, in the order shown.
 ///
 /// −0 counts as 0 and every NaN as one NaN. A label counts by its text. Where a signal was absent, its neighbours
@@ -17,11 +20,14 @@ pub struct DigestProbe {
     folded: u64,
     /// Sum of `x · 0` over everything heard: 0 for numbers, NaN as soon as one was not.
     finite: f64,
+    /// The labels of the last round with their hashes, in the order shown: a label that stays is not hashed again.
+    labels: [(&'static str, u64); LABELS],
+    next_label: usize,
 }
 
 impl Default for DigestProbe {
     fn default() -> Self {
-        Self { words: [[0; 8]; CAPACITY], len: 0, folded: 0, finite: 0.0 }
+        Self { words: [[0; 8]; CAPACITY], len: 0, folded: 0, finite: 0.0, labels: [("", 0); LABELS], next_label: 0 }
     }
 }
 
@@ -38,8 +44,9 @@ impl DigestProbe {
         core::mem::take(&mut self.folded)
     }
 
-    /// Whether everything heard since the last call was a number.
+    /// Ends a tick: whether everything heard since the last call was a number.
     pub fn take_finite(&mut self) -> bool {
+        self.next_label = 0;
         core::mem::take(&mut self.finite) == 0.0
     }
 
@@ -49,7 +56,8 @@ impl DigestProbe {
                 *word = canonical_nan(u64::from_le_bytes(*word)).to_le_bytes();
             }
         }
-        self.folded = xxh3_64_with_seed(self.words[..self.len].as_flattened(), self.folded);
+        let bytes = self.words[..self.len].as_flattened();
+        self.folded = if self.folded == 0 { xxh3_64(bytes) } else { xxh3_64_with_seed(bytes, self.folded) };
         self.len = 0;
     }
 
@@ -84,7 +92,13 @@ impl Probe for DigestProbe {
         self.finite = finite;
     }
     fn label(&mut self, _: &'static Signal, value: &'static str) {
-        self.reserve(1)[0] = xxh3_64(value.as_bytes()).to_le_bytes();
+        let known = &mut self.labels[self.next_label % LABELS];
+        self.next_label += 1;
+        if !core::ptr::eq(known.0, value) {
+            *known = (value, xxh3_64(value.as_bytes()));
+        }
+        let hash = known.1;
+        self.reserve(1)[0] = hash.to_le_bytes();
     }
 }
 
@@ -147,9 +161,17 @@ mod tests {
 
     #[test]
     fn more_than_the_capacity_is_folded_and_nothing_is_lost() {
+        let digest = |values: &[f64]| {
+            let mut probe = DigestProbe::default();
+            values.chunks(7).for_each(|values| probe.vector(&S, values));
+            probe.take()
+        };
         let mut values = vec![1.0; 1000];
         let before = digest(&values);
         values[3] = 2.0;
+        assert_ne!(digest(&values), before);
+        values[3] = 1.0;
+        values[999] = 2.0;
         assert_ne!(digest(&values), before);
     }
 }

@@ -36,7 +36,6 @@ pub trait Probe {
     fn scalar(&mut self, signal: &'static Signal, value: f64) {
         self.vector(signal, &[value]);
     }
-
 }
 
 /// Everything that shows itself.

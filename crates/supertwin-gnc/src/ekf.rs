@@ -179,7 +179,7 @@ impl Ekf {
     /// `∂f/∂x` as a dense matrix, for tests.
     #[must_use]
     pub fn dense_jacobian(&self, h: f64) -> Covariance {
-        self.jacobian(h).times(&Covariance::identity())
+        self.jacobian(h).times_transposed(&Covariance::identity()).transpose()
     }
 
     /// `x⁺ = x + h f(x, tau)`, `P⁺ = F P Fᵀ + h Q`. `tau` is the wrench commanded and allocated.
@@ -189,7 +189,8 @@ impl Ekf {
         self.acceleration = dx.fixed_rows::<4>(NU).into_owned();
         self.x += dx * h_s;
         self.x[PSI] = ssa(self.x[PSI]);
-        self.P = F.times(&F.times_transposed(&self.P));
+        // P is symmetric, so F (P Fᵀ) is too.
+        self.P = F.times_symmetric(&F.times_transposed(&self.P));
         for i in 0..STATES {
             self.P[(i, i)] += h_s * self.q[i];
         }
@@ -268,19 +269,31 @@ impl SparseJacobian {
         out
     }
 
-    /// `F A`: the same combinations, of rows.
-    fn times(&self, A: &Covariance) -> Covariance {
+    /// `F A` when that is symmetric: the same combinations, of rows; what lies above the diagonal blocks is mirrored.
+    fn times_symmetric(&self, A: &Covariance) -> Covariance {
         let mut out = Covariance::zeros();
-        for (o, a) in out.data.0.iter_mut().zip(&A.data.0) {
-            let [cu, cv, cw, cr] = [a[NU], a[NU + 1], a[NU + 2], a[NU + 3]];
-            o[Z] = a[Z] + self.h * cw;
-            o[PSI] = a[PSI] + self.h * cr;
-            o[NU] = self.u[0] * cu + self.u[1] * cv + self.u[2] * cr + self.u[3] * a[B];
-            o[NU + 1] = self.v[0] * cu + self.v[1] * cv + self.v[2] * cr + self.v[3] * a[B + 1];
-            o[NU + 2] = self.w[0] * cw + self.w[1] * a[B + 2];
-            o[NU + 3] = self.r[0] * cu + self.r[1] * cv + self.r[2] * cr + self.r[3] * a[B + 3];
-            for j in B..STATES {
-                o[j] = self.b * a[j];
+        let o = &mut out.data.0;
+        for (j, a) in A.data.0.iter().enumerate() {
+            if j < NU {
+                o[j][Z] = a[Z] + self.h * a[NU + 2];
+                o[j][PSI] = a[PSI] + self.h * a[NU + 3];
+            }
+            if j < B {
+                let [cu, cv, cw, cr] = [a[NU], a[NU + 1], a[NU + 2], a[NU + 3]];
+                o[j][NU] = self.u[0] * cu + self.u[1] * cv + self.u[2] * cr + self.u[3] * a[B];
+                o[j][NU + 1] = self.v[0] * cu + self.v[1] * cv + self.v[2] * cr + self.v[3] * a[B + 1];
+                o[j][NU + 2] = self.w[0] * cw + self.w[1] * a[B + 2];
+                o[j][NU + 3] = self.r[0] * cu + self.r[1] * cv + self.r[2] * cr + self.r[3] * a[B + 3];
+            }
+            for i in B..STATES {
+                o[j][i] = self.b * a[i];
+            }
+        }
+        for (rows, columns) in [(0..NU, NU..STATES), (NU..B, B..STATES)] {
+            for j in columns {
+                for i in rows.clone() {
+                    o[j][i] = o[i][j];
+                }
             }
         }
         out

@@ -82,16 +82,23 @@ pub struct GuidanceInput<'a> {
 
 /// Why guidance does what it does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Reason {
+pub enum Reason {
+    /// Somebody said so.
     Commanded,
+    /// Navigation has not arrived yet.
     WaitingForNav,
+    /// Navigation is too old: the reference stands still.
     NavStale,
+    /// No net to follow: holds.
     NetLost,
+    /// Nobody is in command any more: holds.
     OperatorLost,
 }
 
 impl Reason {
-    fn name(self) -> &'static str {
+    /// The name used in recordings and events.
+    #[must_use]
+    pub fn name(self) -> &'static str {
         match self {
             Self::Commanded => "commanded",
             Self::WaitingForNav => "waiting_for_nav",
@@ -151,10 +158,10 @@ impl Guidance {
         }
     }
 
-    /// Why guidance is in its mode, in a word.
+    /// Why guidance is in its mode.
     #[must_use]
-    pub fn reason(&self) -> &'static str {
-        self.reason.name()
+    pub fn reason(&self) -> Reason {
+        self.reason
     }
 
     /// What to do now, and why.

@@ -177,8 +177,10 @@ pub fn load(library: &Library, name: &str) -> Result<Vec<ResolvedTrial>, ConfigE
     let guidance: Loaded<GuidanceConfig> = library.load("guidance", "guidance", &config.guidance)?;
     let safety: Loaded<SafetyConfig> = library.load("safety", "safety", &config.safety)?;
     let mut standby = Vec::new();
+    let mut standby_tables = toml::Table::new();
     for name in config.standby.iter().flatten() {
         let law: Loaded<ControllerConfig> = library.load("standby", "controllers", name)?;
+        standby_tables.insert(stem(&law.path), toml::Value::Table(law.table));
         standby.push((stem(&law.path), law.value));
     }
     let mut resolved = Vec::with_capacity(config.controllers.len());
@@ -196,6 +198,9 @@ pub fn load(library: &Library, name: &str) -> Result<Vec<ResolvedTrial>, ConfigE
             ("controller", &controller.table),
         ] {
             text.insert(section.to_owned(), toml::Value::Table(table.clone()));
+        }
+        if !standby_tables.is_empty() {
+            text.insert("standby".to_owned(), toml::Value::Table(standby_tables.clone()));
         }
         let one = ResolvedTrial {
             name: stem(&trial.path),

@@ -9,13 +9,13 @@ use nalgebra::Vector4;
 use std::borrow::Cow;
 use supertwin_core::command::{Command, LinkCommand, Wire as WireName};
 use supertwin_core::digest::{DigestProbe, RunDigest, block_digest};
-use supertwin_core::message::{Measurements, Nav, NavHealth, Reference, Thrust, Truth, WrenchRequest};
+use supertwin_core::message::{Measurements, Mode, Nav, NavHealth, Reference, Thrust, Truth, WrenchRequest};
 use supertwin_core::observe::Snapshot;
 use supertwin_core::random::Stream;
 use supertwin_core::run::Severity;
 use supertwin_core::{Block, Event, Observe, Prev, Probe, Refusal, Signal, Tick};
-use supertwin_gnc::control::ControllerSetup;
-use supertwin_gnc::guidance::{GuidanceInput, OperatorLink};
+use supertwin_gnc::control::{ControllerSetup, Status};
+use supertwin_gnc::guidance::{GuidanceInput, OperatorLink, Reason};
 use supertwin_gnc::{Allocation, Controller, ControllerInput, Estimator, EstimatorInput, Guidance};
 use supertwin_model::{Hydrodynamics, Thrusters};
 use supertwin_plant::{Plant, PlantConfig};
@@ -68,9 +68,9 @@ pub struct Outputs<'a> {
 /// Words and flags whose change is an event.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Watched {
-    mode: &'static str,
-    reason: &'static str,
-    status: &'static str,
+    mode: Option<Mode>,
+    reason: Reason,
+    status: Status,
     health: NavHealth,
     net_valid: bool,
 }
@@ -125,7 +125,7 @@ impl Twin {
         })
         .map_err(wrong(format!("controller {:?}", trial.controller_name)))?;
         let watched = Watched {
-            mode: "",
+            mode: None,
             reason: guidance.reason(),
             status: controller.status(),
             health: NavHealth::default(),
@@ -296,7 +296,7 @@ impl Twin {
         self.events.clear();
         let Some(now) = self.outputs() else { return };
         let next = Watched {
-            mode: now.reference.mode.name(),
+            mode: Some(now.reference.mode),
             reason: self.guidance.reason(),
             status: self.controller.status(),
             health: now.nav.health,
@@ -307,16 +307,16 @@ impl Twin {
             return;
         }
         if was.mode != next.mode {
-            self.happened(tick, "guidance", Severity::Info, next.mode);
+            self.happened(tick, "guidance", Severity::Info, next.mode.map_or("unknown", Mode::name));
         }
         if was.reason != next.reason {
-            let severity = if next.reason == "commanded" { Severity::Info } else { Severity::Warning };
-            self.happened(tick, "guidance", severity, next.reason);
+            let severity = if next.reason == Reason::Commanded { Severity::Info } else { Severity::Warning };
+            self.happened(tick, "guidance", severity, next.reason.name());
         }
         if was.status != next.status {
-            let usual = ["tracking", "neutral"].contains(&next.status);
+            let usual = matches!(next.status, Status::Tracking | Status::Neutral);
             let severity = if usual { Severity::Info } else { Severity::Warning };
-            self.happened(tick, "controller", severity, next.status);
+            self.happened(tick, "controller", severity, next.status.name());
         }
         if was.net_valid != next.net_valid {
             let (severity, text) =

@@ -2,6 +2,7 @@
 
 use nalgebra::{SVector, Vector3, Vector4};
 use proptest::prelude::*;
+use proptest::test_runner::RngSeed;
 use supertwin_core::integrate::rk4;
 use supertwin_core::random::Stream;
 use supertwin_model::thrusters::{Forces, ThrustersError};
@@ -15,6 +16,8 @@ const LINEAR: [f64; 4] = [70.0, 120.0, 90.0, 10.0];
 const QUADRATIC: [f64; 4] = [200.0, 300.0, 350.0, 12.0];
 /// Beam angle of the DVL.
 const BEAM_DEG: f64 = 25.0;
+/// The cases are the same in every run.
+const SEED: u64 = 1;
 
 fn model(net_buoyancy_n: f64) -> Hydrodynamics {
     let text = format!(
@@ -72,6 +75,12 @@ fn the_vehicle_file_holds_the_parameters_of_section_2() {
 }
 
 proptest! {
+    #![proptest_config(ProptestConfig {
+        rng_seed: RngSeed::Fixed(SEED),
+        failure_persistence: None,
+        ..ProptestConfig::default()
+    })]
+
     /// T8: `nuᵀ C(nu) nu = 0`, because `C` is skew-symmetric.
     #[test]
     fn t8_coriolis_and_centripetal_forces_do_no_work(nu in velocities()) {
@@ -209,19 +218,23 @@ fn t8_single_axis_limits_are_283_and_283_and_200_and_147() {
 }
 
 proptest! {
+    #![proptest_config(ProptestConfig {
+        rng_seed: RngSeed::Fixed(SEED),
+        failure_persistence: None,
+        ..ProptestConfig::default()
+    })]
+
     /// `B B⁺ = I`, and `B⁺ tau` is the shortest solution: it has no part in the null space of `B`.
     #[test]
     fn the_pseudo_inverse_is_one(tau in prop::array::uniform4(-300.0..300.0f64).prop_map(Vector4::from)) {
         let thrusters = thrusters();
         let force = thrusters.forces(&tau);
         prop_assert!((thrusters.wrench(&force) - tau).amax() < 1e-9);
-        // Null space of this layout: the four horizontal ones against each other, and the two vertical ones.
-        let null = [Forces::from([1.0, -1.0, 1.0, -1.0, 0.0, 0.0, 0.0, 0.0]), Forces::from([0.0, 0.0, 0.0, 0.0, 1.0, -1.0, 0.0, 0.0])];
-        let horizontal = thrusters.wrench(&null[0]);
-        prop_assert!(thrusters.wrench(&null[1]).amax() < 1e-12);
-        prop_assert!(force.dot(&null[1]).abs() < 1e-9);
-        if horizontal.amax() < 1e-12 {
-            prop_assert!(force.dot(&null[0]).abs() < 1e-9);
+        // Null space of this layout: the front pair against the rear pair, and the vertical ones against each other.
+        for null in [[1.0, 1.0, -1.0, -1.0, 0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0, 1.0, -1.0, 0.0, 0.0]] {
+            let null = Forces::from(null);
+            prop_assert!(thrusters.wrench(&null).amax() < 1e-12);
+            prop_assert!(force.dot(&null).abs() < 1e-9);
         }
     }
 }
@@ -282,6 +295,12 @@ fn distance_and_bearing(q: &[f64; 4]) -> (f64, f64) {
 }
 
 proptest! {
+    #![proptest_config(ProptestConfig {
+        rng_seed: RngSeed::Fixed(SEED),
+        failure_persistence: None,
+        ..ProptestConfig::default()
+    })]
+
     /// T6: exact for every plane that all four beams meet.
     #[test]
     fn t6_the_plane_fit_is_exact_and_its_parity_is_zero(
@@ -312,8 +331,7 @@ fn t6_a_cylinder_of_25_m_is_taken_for_a_plane_that_is_centimetres_nearer() {
             // |[from_axis + s b_x, s b_y]| = 25.
             let horizontal2 = b.x * b.x + b.y * b.y;
             let along = from_axis_m * b.x;
-            horizontal2
-                / ((along * along + horizontal2 * (25.0 * 25.0 - from_axis_m * from_axis_m)).sqrt() - along)
+            horizontal2 / ((along * along + horizontal2 * (25.0 * 25.0 - from_axis_m * from_axis_m)).sqrt() - along)
         });
         let (distance_m, bearing_rad) = distance_and_bearing(&q);
         println!("cylinder at {true_m} m: plane at {distance_m:.4} m (control.md: {expected_m})");
@@ -341,7 +359,9 @@ fn t6_range_noise_becomes_the_noise_of_section_3_2() {
         }
         let n = f64::from(n);
         let std: Vec<f64> = (0..3).map(|i| (sum2[i] / n - (sum[i] / n) * (sum[i] / n)).sqrt()).collect();
-        println!("range noise {range_std_m}: {std:.4?} (control.md: {distance_std_m}, {bearing_std_rad}, {parity_std_per_m})");
+        println!(
+            "range noise {range_std_m}: {std:.4?} (control.md: {distance_std_m}, {bearing_std_rad}, {parity_std_per_m})"
+        );
         for (measured, expected) in std.iter().zip([distance_std_m, bearing_std_rad, parity_std_per_m]) {
             // 2 % and half a digit of the oracle's print.
             assert!((measured - expected).abs() < 0.02 * expected + 5e-5, "{std:?} at {range_std_m}");
@@ -355,10 +375,12 @@ fn t6_one_blocked_beam_spoils_the_fit_and_shows_in_the_parity() {
         let mut q = array().beams().map(|b| b.x / 3.0);
         q[0] /= share;
         let (distance_m, bearing_rad) = distance_and_bearing(&q);
-        println!("one beam at {share}: {distance_m:.3} m, {bearing_rad:.3} rad (control.md: {expected_m}, {expected_rad})");
+        println!(
+            "one beam at {share}: {distance_m:.3} m, {bearing_rad:.3} rad (control.md: {expected_m}, {expected_rad})"
+        );
         assert!((distance_m - expected_m).abs() < 0.005, "{distance_m}");
         assert!((bearing_rad.abs() - expected_rad).abs() < 0.005, "{bearing_rad}");
-        // 40 standard deviations of the parity noise even at 0.8 would be too much to ask: it is 8.
+        // Eight standard deviations of the parity noise at 0.05 m.
         assert!(SonarArray::parity(&q).abs() > 8.0 * 0.0092);
     }
 }

@@ -158,7 +158,7 @@ impl Plant {
             thrust_lost: false,
             truth: Truth::default(),
         };
-        plant.tell_truth(&Vector3::zeros(), &Vector4::zeros());
+        plant.tell_truth(&Vector3::zeros(), &Vector4::zeros(), &Vector4::zeros());
         Ok(plant)
     }
 
@@ -173,7 +173,7 @@ impl Plant {
         self.propulsion.command(&thrust.force_n);
         let tether = self.tether.step();
         let mut current = Vector3::zeros();
-        let mut disturbance = Vector4::zeros();
+        let (mut disturbance, mut wrench) = (Vector4::zeros(), Vector4::zeros());
         for substep in 0..self.substeps {
             if substep == 0 {
                 current = self.current.step(self.state[2]);
@@ -184,6 +184,7 @@ impl Plant {
             disturbance[3] += self.arm_m * tau[1];
             let sea = self.sea;
             self.integrate(&(tau + disturbance), &(current + sea.velocity), &sea.acceleration);
+            wrench = tau;
             let position = self.position();
             self.waves.advance(&position);
             if substep + 1 == self.substeps {
@@ -192,8 +193,9 @@ impl Plant {
             self.sea = self.waves.motion();
         }
         self.state[3] = ssa(self.state[3]);
+        self.heading = Heading::new(self.state[3]);
         self.cage.set_time(tick.t_s());
-        self.tell_truth(&current, &disturbance);
+        self.tell_truth(&current, &disturbance, &wrench);
     }
 
     /// One Runge-Kutta step; over it the water's velocity (NED) changes linearly with its acceleration.
@@ -213,14 +215,15 @@ impl Plant {
             let v_n = heading.ned_from_body(Vector3::new(nu[0], nu[1], nu[2]));
             State::from([v_n.x, v_n.y, v_n.z, nu[3], nu_dot[0], nu_dot[1], nu_dot[2], nu_dot[3]])
         });
-        self.heading = Heading::new(self.state[3]);
+        // Within a tick by the angle-sum theorem; every tick ends with the exact functions.
+        self.heading = start.turned(self.state[3] - psi_start);
     }
 
     fn position(&self) -> Vector3<f64> {
         Vector3::new(self.state[0], self.state[1], self.state[2])
     }
 
-    fn tell_truth(&mut self, current: &Vector3<f64>, disturbance: &Vector4<f64>) {
+    fn tell_truth(&mut self, current: &Vector3<f64>, disturbance: &Vector4<f64>, wrench: &Vector4<f64>) {
         let (net_distance_m, [north, east]) = self.cage.gap(&self.position());
         let water = self.heading.body_from_ned(current + self.sea.velocity);
         let x = &self.state;
@@ -235,7 +238,7 @@ impl Plant {
         truth.net_heading_rad = libm::atan2(east, north);
         truth.disturbance = (*disturbance).into();
         let force = self.propulsion.force();
-        truth.wrench = self.propulsion.wrench().into();
+        truth.wrench = (*wrench).into();
         truth.thruster_force_n.clear();
         truth.thruster_force_n.extend(force.iter().take(self.propulsion.thrusters().count()).copied());
     }

@@ -41,7 +41,9 @@ pub(crate) fn check(arguments: &CheckArguments, library: &Library) -> Result<Exi
                     .map_err(|cause| Failure::Call(format!("{}: {cause}", file.display())))?;
                 understood.insert(file.display().to_string(), value);
             }
-            Ok(table) if arguments.files.is_empty() => output::print(&format!("{}: {}", file.display(), summary(&table))),
+            Ok(table) if arguments.files.is_empty() => {
+                output::print(&format!("{}: {}", file.display(), summary(&table)))
+            }
             Ok(table) => output::print(&format!("{}\n{}", file.display(), lines(&table))),
             Err(error) => {
                 wrong += 1;

@@ -46,7 +46,6 @@ pub(crate) struct Done {
     pub(crate) paper: Option<supertwin_lab::paper::PaperColumn>,
 }
 
-
 /// The JSON object of `--json`.
 #[derive(Debug, Serialize)]
 struct Report<'a> {

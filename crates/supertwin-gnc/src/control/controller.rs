@@ -55,17 +55,25 @@ pub struct ControllerInput<'a> {
 
 /// What the controller is doing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Status {
+pub enum Status {
+    /// The law follows guidance's reference.
     Tracking,
+    /// Guidance wants no force.
     Neutral,
+    /// Somebody demanded no force.
     EmergencyNeutral,
+    /// Navigation is too old: no force.
     NavStale,
+    /// Guidance is silent: the vehicle brakes and holds by itself.
     Fallback,
+    /// The law's wrench was no number: no force, and the law starts afresh.
     NotFinite,
 }
 
 impl Status {
-    fn name(self) -> &'static str {
+    /// The name used in recordings and events.
+    #[must_use]
+    pub fn name(self) -> &'static str {
         match self {
             Self::Tracking => "tracking",
             Self::Neutral => "neutral",
@@ -134,10 +142,10 @@ impl Controller {
         &self.laws[self.active].1
     }
 
-    /// What the controller is doing, in a word.
+    /// What the controller is doing.
     #[must_use]
-    pub fn status(&self) -> &'static str {
-        self.status.name()
+    pub fn status(&self) -> Status {
+        self.status
     }
 
     /// The name of the law in command.

@@ -13,7 +13,7 @@ pub mod super_twisting;
 pub mod surface;
 
 pub use agsta::{AdaptationConfig, Agsta, AgstaConfig, SecondGain};
-pub use controller::{Controller, ControllerInput, ControllerLimits, ControllerSetup};
+pub use controller::{Controller, ControllerInput, ControllerLimits, ControllerSetup, Status};
 pub use error::TrackingError;
 pub use external::{External, ExternalConfig};
 pub use fallback::FallbackConfig;

@@ -1,0 +1,522 @@
+//! The controller block: what it does when inputs are stale, when laws change, and when numbers are none.
+
+mod common;
+
+use common::{H_S, law_config, nominal, thrusters, tick};
+use nalgebra::{SVector, Vector4};
+use supertwin_core::command::ControllerCommand;
+use supertwin_core::frame::ssa;
+use supertwin_core::integrate::rk4;
+use supertwin_core::message::{Mode, Nav, Reference, Thrust, WrenchRequest};
+use supertwin_core::observe::Snapshot;
+use supertwin_core::random::Stream;
+use supertwin_core::{Block, Input, Message, Prev};
+use supertwin_gnc::control::{ControllerLimits, ControllerSetup, FallbackConfig, Status};
+use supertwin_gnc::{Allocation, Controller, ControllerInput, LawConfig};
+
+/// Ages in `safety/standard.toml`: 0.5 s at 50 Hz.
+const LIMIT_TICKS: u64 = 25;
+
+fn try_build(laws: &[(&str, &LawConfig)]) -> Result<Controller, String> {
+    let safety = common::file("safety/standard");
+    let limits: ControllerLimits = safety["controller"].clone().try_into().expect("limits");
+    let fallback: FallbackConfig = safety["fallback"].clone().try_into().expect("a fallback");
+    Controller::new(&ControllerSetup {
+        laws: laws.iter().map(|(name, law)| ((*name).to_owned(), *law)).collect(),
+        model: nominal(),
+        allocation: Allocation::new(thrusters(), 1.0),
+        limits: &limits,
+        fallback: &fallback,
+        dt_s: H_S,
+    })
+}
+
+fn controller(names: &[&str]) -> Controller {
+    let configs: Vec<LawConfig> = names.iter().map(|name| law_config(name)).collect();
+    let laws: Vec<(&str, &LawConfig)> = names.iter().copied().zip(&configs).collect();
+    try_build(&laws).expect("legal")
+}
+
+/// All inputs of a tick; fresh unless said otherwise.
+#[derive(Clone, Copy)]
+struct Inputs<'a> {
+    nav: Input<&'a Nav>,
+    reference: Input<&'a Reference>,
+    applied: Input<&'a Thrust>,
+    request: Input<&'a WrenchRequest>,
+}
+
+impl<'a> Inputs<'a> {
+    fn fresh(nav: &'a Nav, reference: &'a Reference, applied: &'a Thrust) -> Self {
+        Self {
+            nav: Input::Fresh(nav),
+            reference: Input::Fresh(reference),
+            applied: Input::Fresh(applied),
+            request: Input::Missing,
+        }
+    }
+    fn step(self, controller: &mut Controller, k: u64) -> Thrust {
+        let input = ControllerInput {
+            nav: self.nav,
+            reference: self.reference,
+            applied: Prev(self.applied),
+            wrench_request: self.request,
+        };
+        controller.step(tick(k), input)
+    }
+}
+
+fn nav() -> Nav {
+    Nav { depth_m: 4.0, heading_rad: 0.6, velocity: [0.02, 0.15, -0.01, 0.01].into(), ..Nav::default() }
+}
+
+fn reference() -> Reference {
+    Reference {
+        mode: Mode::FollowNet,
+        surge_m_per_s: 0.05,
+        sway_m_per_s: 0.2,
+        depth_m: 4.1,
+        heading_rad: 0.55,
+        ..Reference::default()
+    }
+}
+
+fn forces(thrust: &Thrust) -> f64 {
+    thrust.force_n.iter().fold(0.0, |most: f64, force| most.max(force.abs()))
+}
+
+/// The references behind the errors that the controller shows.
+fn reference_seen(controller: &Controller, nav: &Nav) -> [f64; 6] {
+    let shown = Snapshot::of(controller);
+    let x1 = shown.get("controller/error").expect("shown").to_vec();
+    let velocity = shown.get("controller/velocity_error").expect("shown").to_vec();
+    let nu = nav.velocity.to_array();
+    [
+        nu[0] - x1[0],
+        nu[1] - x1[1],
+        nav.depth_m - x1[2],
+        ssa(nav.heading_rad - x1[3]),
+        nu[2] - velocity[2],
+        nu[3] - velocity[3],
+    ]
+}
+
+// ------------------------------------------------------------------------------------------------------ construction
+
+#[test]
+fn a_controller_needs_laws_with_different_names() {
+    let pid = law_config("pid");
+    assert_eq!(try_build(&[]).expect_err("no law"), "no controller given: there must be at least one");
+    let refusal = try_build(&[("pid", &pid), ("pid", &pid)]).expect_err("twice");
+    assert_eq!(refusal, "controller \"pid\" is given twice: every law needs its own name");
+    let broken = common::law_config_with("gsta-implicit", &["law", "gsta", "surface"], "model_acceleration");
+    assert!(try_build(&[("broken", &broken)]).expect_err("implicit").contains("relative degree 0"));
+}
+
+#[test]
+fn unknown_laws_are_refused_by_name_with_the_known_ones() {
+    let mut controller = controller(&["pid-tuned", "gsta"]);
+    let refusal = controller.command(tick(0), &ControllerCommand::Law("psta".to_owned())).expect_err("unknown");
+    assert_eq!(refusal.to_string(), "law = \"psta\": must be one of pid-tuned, gsta");
+    assert_eq!(controller.law_name(), "pid-tuned");
+}
+
+// ------------------------------------------------------------------------------------------------- the table of ages
+
+#[test]
+fn without_navigation_there_is_no_force() {
+    let (nav, reference, idle) = (nav(), reference(), Thrust::default());
+    let mut controller = controller(&["pid-tuned"]);
+    let fresh = Inputs { applied: Input::Missing, ..Inputs::fresh(&nav, &reference, &idle) };
+    assert!(forces(&fresh.step(&mut controller, 0)) > 1.0);
+    assert_eq!(controller.status(), Status::Tracking);
+    // Held up to the limit it still counts, whatever the reference says.
+    for age in 1..=LIMIT_TICKS {
+        let held = Inputs { nav: Input::Held { value: &nav, made_at: 0 }, ..fresh };
+        held.step(&mut controller, age);
+        assert_eq!(controller.status(), Status::Tracking, "age {age}");
+    }
+    for (k, stale) in [(LIMIT_TICKS + 1, Input::Held { value: &nav, made_at: 0 }), (LIMIT_TICKS + 2, Input::Missing)] {
+        let thrust = Inputs { nav: stale, ..fresh }.step(&mut controller, k);
+        assert_eq!(controller.status(), Status::NavStale);
+        assert_eq!(forces(&thrust), 0.0);
+        assert_eq!((thrust.requested, thrust.allocated), Default::default());
+        assert_eq!(thrust.force_n.len(), 6, "every thruster is told");
+    }
+}
+
+#[test]
+fn navigation_that_comes_back_starts_from_the_zero_wrench_that_was_applied() {
+    let (nav, reference) = (nav(), reference());
+    for name in ["pid", "pid-tuned", "gsta", "gsta-tuned", "gsta-implicit", "agsta", "agsta-implicit"] {
+        let mut controller = controller(&[name]);
+        let mut applied = Thrust::default();
+        for k in 0..200 {
+            applied = Inputs::fresh(&nav, &reference, &applied).step(&mut controller, k);
+        }
+        applied = Inputs { nav: Input::Missing, ..Inputs::fresh(&nav, &reference, &applied) }.step(&mut controller, 200);
+        let back = Inputs::fresh(&nav, &reference, &applied).step(&mut controller, 201);
+        assert!(back.requested.vector().amax() < 1e-9, "{name}: {:?}", back.requested);
+    }
+}
+
+#[test]
+fn a_neutral_reference_is_no_force() {
+    let (nav, idle) = (nav(), Thrust::default());
+    let neutral = Reference { mode: Mode::Neutral, ..reference() };
+    let mut controller = controller(&["agsta"]);
+    let thrust = Inputs::fresh(&nav, &neutral, &idle).step(&mut controller, 0);
+    assert_eq!((forces(&thrust), controller.status()), (0.0, Status::Neutral));
+}
+
+#[test]
+fn without_a_reference_the_vehicle_brakes_within_its_limits_and_holds() {
+    let nav = nav();
+    let moving = Reference {
+        surge_m_per_s: 0.3,
+        sway_m_per_s: -0.2,
+        depth_m_per_s: 0.1,
+        heading_rad: 3.1,
+        heading_rad_per_s: 0.1,
+        ..reference()
+    };
+    let mut controller = controller(&["pid-tuned"]);
+    let mut applied = Inputs::fresh(&nav, &moving, &Thrust::default()).step(&mut controller, 0);
+    // Old but young enough: still followed.
+    for k in 1..=LIMIT_TICKS {
+        let held = Inputs { reference: Input::Held { value: &moving, made_at: 0 }, ..Inputs::fresh(&nav, &moving, &applied) };
+        applied = held.step(&mut controller, k);
+        assert_eq!(controller.status(), Status::Tracking);
+        assert!((reference_seen(&controller, &nav)[0] - 0.3).abs() < 1e-12);
+    }
+    let mut before = reference_seen(&controller, &nav);
+    let mut slope_before = [0.0; 6];
+    let mut travelled = [0.0; 2];
+    for k in LIMIT_TICKS + 1..LIMIT_TICKS + 500 {
+        let stale = if k % 2 == 0 { Input::Missing } else { Input::Held { value: &moving, made_at: 0 } };
+        applied = Inputs { reference: stale, ..Inputs::fresh(&nav, &moving, &applied) }.step(&mut controller, k);
+        assert_eq!(controller.status(), Status::Fallback);
+        let now = reference_seen(&controller, &nav);
+        // Surge, sway, depth rate, heading rate fall within 0.15 per second and 0.5 per second squared.
+        for i in [0, 1, 4, 5] {
+            let slope = (now[i] - before[i]) / H_S;
+            assert!(slope.abs() <= 0.15 + 1e-9, "tick {k}, {i}: {slope}");
+            assert!((slope - slope_before[i]).abs() <= 0.5 * H_S + 1e-9, "tick {k}, {i}: {slope}");
+            assert!(now[i].abs() <= before[i].abs() + 1e-12, "brakes only");
+            slope_before[i] = slope;
+        }
+        // Depth and heading go where their rates take them, and stay there.
+        assert!((now[2] - before[2] - H_S * now[4]).abs() < 1e-9);
+        assert!((ssa(now[3] - before[3]) - H_S * now[5]).abs() < 1e-9);
+        travelled[0] += now[2] - before[2];
+        travelled[1] += ssa(now[3] - before[3]);
+        before = now;
+    }
+    assert!([before[0], before[1], before[4], before[5]].iter().all(|rate| rate.abs() < 1e-3), "{before:?}");
+    assert!((0.05..0.3).contains(&travelled[0]) && (0.05..0.3).contains(&travelled[1]), "{travelled:?}");
+    assert!(before[3] < -2.5, "the heading went on across the seam: {}", before[3]);
+}
+
+#[test]
+fn without_any_reference_from_the_start_the_vehicle_holds_where_it_is() {
+    let nav = nav();
+    let mut controller = controller(&["gsta-tuned"]);
+    let (unused, idle) = (Reference::default(), Thrust::default());
+    for k in 0..100 {
+        Inputs { reference: Input::Missing, ..Inputs::fresh(&nav, &unused, &idle) }.step(&mut controller, k);
+        assert_eq!(controller.status(), Status::Fallback);
+        let seen = reference_seen(&controller, &nav);
+        let expected = [0.0, 0.0, 4.0, 0.6, 0.0, 0.0];
+        assert!(seen.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12), "{seen:?}");
+    }
+}
+
+/// A vehicle that is the nominal model, with perfect navigation and thrusters.
+struct Vehicle {
+    nu: Vector4<f64>,
+    depth_m: f64,
+    heading_rad: f64,
+    applied: Thrust,
+    k: u64,
+}
+
+impl Vehicle {
+    fn new() -> Self {
+        Self { nu: Vector4::zeros(), depth_m: 4.0, heading_rad: 0.5, applied: Thrust::default(), k: 0 }
+    }
+    fn nav(&self) -> Nav {
+        Nav { depth_m: self.depth_m, heading_rad: self.heading_rad, velocity: self.nu.into(), ..Nav::default() }
+    }
+    /// One tick under a constant disturbance of 10 N in sway and −12 N in heave.
+    fn step(&mut self, controller: &mut Controller, reference: Option<&Reference>, request: Option<&WrenchRequest>) -> Thrust {
+        let (nav, unused) = (self.nav(), Reference::default());
+        let inputs = Inputs {
+            reference: reference.map_or(Input::Missing, Input::Fresh),
+            request: request.map_or(Input::Missing, Input::Fresh),
+            ..Inputs::fresh(&nav, &unused, &self.applied)
+        };
+        let thrust = inputs.step(controller, self.k);
+        let tau = thrust.allocated.vector() + Vector4::new(0.0, 10.0, -12.0, 0.0);
+        let model = nominal_model();
+        self.nu = rk4(&self.nu, H_S, |_, nu: &SVector<f64, 4>| model.acceleration(nu, &tau));
+        self.depth_m += H_S * self.nu[2];
+        self.heading_rad = ssa(self.heading_rad + H_S * self.nu[3]);
+        self.applied = thrust.clone();
+        self.k += 1;
+        thrust
+    }
+}
+
+fn nominal_model() -> &'static supertwin_model::Hydrodynamics {
+    static MODEL: std::sync::OnceLock<supertwin_model::Hydrodynamics> = std::sync::OnceLock::new();
+    MODEL.get_or_init(nominal)
+}
+
+#[test]
+fn a_link_that_comes_back_while_holding_makes_no_jump() {
+    let hold = Reference { mode: Mode::DepthHeadingHold, depth_m: 4.0, heading_rad: 0.5, ..Reference::default() };
+    for name in ["pid-tuned", "gsta-tuned", "agsta"] {
+        let mut controller = controller(&[name]);
+        let mut vehicle = Vehicle::new();
+        let mut last = Thrust::default();
+        for _ in 0..3000 {
+            last = vehicle.step(&mut controller, Some(&hold), None);
+        }
+        for (label, reference, ticks) in [("lost", None, 250), ("back", Some(&hold), 250)] {
+            for _ in 0..ticks {
+                let now = vehicle.step(&mut controller, reference, None);
+                let jump = (now.requested.vector() - last.requested.vector()).amax();
+                // The same reference as before: no more than the law's own creep from tick to tick. The 1 N dead
+                // band of the thrusters keeps all of them in a small cycle.
+                assert!(jump < 2.0, "{name}, {label}: {jump} N");
+                last = now;
+            }
+        }
+        assert_eq!(controller.status(), Status::Tracking);
+    }
+}
+
+#[test]
+fn a_link_that_comes_back_on_the_move_jumps_by_no_more_than_the_law_answers_to_the_speed() {
+    // Cut for 10 s at 0.2 m/s: the vehicle has stopped by itself. The reference that returns asks for 0.2 m/s at once.
+    let follow = Reference { mode: Mode::FollowNet, sway_m_per_s: 0.2, depth_m: 4.0, heading_rad: 0.5, ..Reference::default() };
+    let mut controller = controller(&["pid-tuned"]);
+    let mut vehicle = Vehicle::new();
+    for _ in 0..2000 {
+        vehicle.step(&mut controller, Some(&follow), None);
+    }
+    let mut before = Thrust::default();
+    for _ in 0..500 {
+        before = vehicle.step(&mut controller, None, None);
+    }
+    assert!(vehicle.nu[1].abs() < 0.03, "it has stopped: {}", vehicle.nu[1]);
+    let after = vehicle.step(&mut controller, Some(&follow), None);
+    let jump = after.requested.vector() - before.requested.vector();
+    // kp · 0.2 m/s = 60 N in sway, and nothing elsewhere.
+    assert!((jump[1] - 300.0 * 0.2).abs() < 1.0, "{jump}");
+    assert!(jump[0].abs() < 0.5 && jump[2].abs() < 0.5 && jump[3].abs() < 0.5, "{jump}");
+    assert_eq!(after.limited.to_array(), [false; 4]);
+}
+
+#[test]
+fn a_wrench_request_that_is_too_old_leaves_the_substitute_in_command() {
+    let (nav, reference) = (nav(), reference());
+    let request = WrenchRequest { surge_n: Some(30.0), ..WrenchRequest::default() };
+    let mut controller = controller(&["external"]);
+    let mut applied = Thrust::default();
+    for k in 0..=LIMIT_TICKS {
+        let inputs = Inputs {
+            request: Input::Held { value: &request, made_at: 0 },
+            ..Inputs::fresh(&nav, &reference, &applied)
+        };
+        applied = inputs.step(&mut controller, k);
+        assert_eq!(applied.requested.surge_n, 30.0, "age {k}");
+    }
+    let k = LIMIT_TICKS + 1;
+    let inputs =
+        Inputs { request: Input::Held { value: &request, made_at: 0 }, ..Inputs::fresh(&nav, &reference, &applied) };
+    let handed_back = inputs.step(&mut controller, k);
+    assert!((handed_back.requested.surge_n - 30.0).abs() < 1e-9, "without a jump");
+    let own = Inputs { request: Input::Missing, ..inputs }.step(&mut controller, k + 1);
+    assert!((own.requested.surge_n - 30.0).abs() > 1e-3, "the substitute moves it: {}", own.requested.surge_n);
+}
+
+// ------------------------------------------------------------------------------------------------------- take-overs
+
+#[test]
+fn a_new_controller_starts_from_the_last_allocated_wrench_however_old() {
+    let (nav, reference) = (nav(), reference());
+    for name in ["pid", "pid-tuned", "gsta", "gsta-tuned", "gsta-implicit", "agsta", "agsta-implicit", "external"] {
+        let applied = Thrust { allocated: [20.0, 35.0, -12.0, 3.0].into(), ..Thrust::default() };
+        for made_at in [999, 400] {
+            let mut controller = controller(&[name]);
+            let inputs = Inputs {
+                applied: Input::Held { value: &applied, made_at },
+                ..Inputs::fresh(&nav, &reference, &applied)
+            };
+            let first = inputs.step(&mut controller, 1000);
+            let jump = (first.requested.vector() - applied.allocated.vector()).amax();
+            assert!(jump < 1e-9, "{name}: {jump}");
+            assert_eq!(controller.status(), Status::Tracking);
+        }
+    }
+}
+
+#[test]
+fn a_new_controller_that_knows_of_no_thrust_starts_from_its_own_law() {
+    let (nav, reference, idle) = (nav(), reference(), Thrust::default());
+    let mut controller = controller(&["pid"]);
+    let first = Inputs { applied: Input::Missing, ..Inputs::fresh(&nav, &reference, &idle) }.step(&mut controller, 0);
+    // −kp e − ki h e of table III.
+    let expected = Vector4::new(
+        200.0 * 0.03 + 5.0 * H_S * 0.03,
+        200.0 * 0.05 + 5.0 * H_S * 0.05,
+        100.0 * 0.1 + H_S * 0.1,
+        -15.0 * 0.05 - 0.5 * H_S * 0.05 - 0.01,
+    );
+    assert!((first.requested.vector() - expected).amax() < 1e-9, "{:?}", first.requested);
+}
+
+#[test]
+fn laws_hand_over_by_command_without_a_jump() {
+    let names = ["pid", "gsta-tuned", "agsta", "external", "gsta-implicit", "agsta-implicit"];
+    let mut controller = controller(&names);
+    let mut vehicle = Vehicle::new();
+    let follow = Reference { mode: Mode::FollowNet, sway_m_per_s: 0.2, depth_m: 4.4, heading_rad: 0.7, ..Reference::default() };
+    let mut last = Thrust::default();
+    for _ in 0..400 {
+        last = vehicle.step(&mut controller, Some(&follow), None);
+    }
+    for round in 0..18 {
+        let name = names[(round * 5 + 1) % names.len()];
+        controller.command(tick(vehicle.k), &ControllerCommand::Law(name.to_owned())).expect("known");
+        let first = vehicle.step(&mut controller, Some(&follow), None);
+        assert_eq!(controller.law_name(), name);
+        let jump = (first.requested.vector() - last.allocated.vector()).amax();
+        assert!(jump < 1e-9, "to {name}: {jump}");
+        for _ in 0..150 {
+            last = vehicle.step(&mut controller, Some(&follow), None);
+        }
+    }
+}
+
+#[test]
+fn a_command_for_the_law_in_command_changes_nothing() {
+    let mut a = controller(&["agsta", "pid"]);
+    let (nav, reference) = (nav(), reference());
+    let mut applied = Thrust::default();
+    for k in 0..100 {
+        applied = Inputs::fresh(&nav, &reference, &applied).step(&mut a, k);
+    }
+    let mut b = a.clone();
+    b.command(tick(100), &ControllerCommand::Law("agsta".to_owned())).expect("known");
+    let inputs = Inputs::fresh(&nav, &reference, &applied);
+    assert_eq!(inputs.step(&mut a, 100), inputs.step(&mut b, 100));
+}
+
+#[test]
+fn emergency_neutral_holds_until_it_is_taken_back() {
+    let mut controller = controller(&["gsta-tuned"]);
+    let (nav, reference) = (nav(), reference());
+    let mut applied = Thrust::default();
+    for k in 0..50 {
+        applied = Inputs::fresh(&nav, &reference, &applied).step(&mut controller, k);
+    }
+    assert!(forces(&applied) > 1.0);
+    controller.command(tick(50), &ControllerCommand::Neutral(true)).expect("always");
+    for k in 50..100 {
+        applied = Inputs::fresh(&nav, &reference, &applied).step(&mut controller, k);
+        assert_eq!((forces(&applied), controller.status()), (0.0, Status::EmergencyNeutral));
+        // No other command lifts it.
+        controller.command(tick(k), &ControllerCommand::Law("gsta-tuned".to_owned())).expect("known");
+    }
+    controller.command(tick(100), &ControllerCommand::Neutral(false)).expect("always");
+    applied = Inputs::fresh(&nav, &reference, &applied).step(&mut controller, 100);
+    assert_eq!(controller.status(), Status::Tracking);
+    assert!(applied.requested.vector().amax() < 1e-9, "from zero, without a kick: {:?}", applied.requested);
+}
+
+// ------------------------------------------------------------------------------------------------ numbers that are none
+
+#[test]
+fn what_is_no_number_in_navigation_never_leaves_the_controller() {
+    let (good, reference) = (nav(), reference());
+    let spoil: [fn(&mut Nav, f64); 6] = [
+        |nav, x| nav.depth_m = x,
+        |nav, x| nav.heading_rad = x,
+        |nav, x| nav.velocity.surge_m_per_s = x,
+        |nav, x| nav.velocity.sway_m_per_s = x,
+        |nav, x| nav.velocity.heave_m_per_s = x,
+        |nav, x| nav.velocity.yaw_rad_per_s = x,
+    ];
+    for name in ["pid-tuned", "gsta", "gsta-implicit", "agsta", "agsta-implicit", "external"] {
+        for spoil in spoil {
+            for value in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+                let mut controller = controller_of(name);
+                let mut applied = Thrust::default();
+                for k in 0..20 {
+                    applied = Inputs::fresh(&good, &reference, &applied).step(&mut controller, k);
+                }
+                let mut bad = good.clone();
+                spoil(&mut bad, value);
+                for k in 20..23 {
+                    applied = Inputs::fresh(&bad, &reference, &applied).step(&mut controller, k);
+                    assert!(applied.is_finite(), "{name}: {applied:?}");
+                    assert_eq!((forces(&applied), controller.status()), (0.0, Status::NotFinite), "{name}, {value}");
+                }
+                assert_eq!(Snapshot::of(&controller).get("controller/non_finite"), Some(&[3.0][..]));
+                // It recovers with the numbers, from the zero wrench.
+                applied = Inputs::fresh(&good, &reference, &applied).step(&mut controller, 23);
+                assert_eq!(controller.status(), Status::Tracking, "{name}");
+                assert!(applied.is_finite() && applied.requested.vector().amax() < 1e-9, "{name}: {applied:?}");
+                assert!(Snapshot::of(&controller).is_finite(), "{name} shows numbers only");
+            }
+        }
+    }
+}
+
+/// Parsing files once per case would be most of the test's time.
+fn controller_of(name: &'static str) -> Controller {
+    use std::cell::RefCell;
+    use std::collections::BTreeMap;
+    thread_local! {
+        static BUILT: RefCell<BTreeMap<&'static str, Controller>> = const { RefCell::new(BTreeMap::new()) };
+    }
+    BUILT.with_borrow_mut(|built| built.entry(name).or_insert_with(|| controller(&[name])).clone())
+}
+
+#[test]
+fn an_allocated_wrench_that_is_no_number_is_not_taken_over() {
+    let (nav, reference) = (nav(), reference());
+    let bad = Thrust { allocated: [f64::NAN, 0.0, 0.0, 0.0].into(), ..Thrust::default() };
+    let mut controller = controller(&["gsta-tuned"]);
+    let first = Inputs::fresh(&nav, &reference, &bad).step(&mut controller, 0);
+    assert!(first.is_finite() && forces(&first) == 0.0, "{first:?}");
+    let second = Inputs::fresh(&nav, &reference, &first).step(&mut controller, 1);
+    assert!(second.is_finite());
+    assert_eq!(controller.status(), Status::Tracking);
+}
+
+#[test]
+fn random_inputs_never_make_a_force_beyond_the_limits() {
+    let mut draw = Stream::new(20, "fuzz");
+    let mut controller = controller(&["agsta"]);
+    let mut applied = Thrust::default();
+    for k in 0..5000 {
+        let nav = Nav {
+            depth_m: 10.0 * draw.normal(),
+            heading_rad: draw.uniform(-3.1, 3.1),
+            velocity: (draw.normals::<4>() * 3.0).into(),
+            ..Nav::default()
+        };
+        let reference = Reference { sway_m_per_s: draw.normal(), depth_m: 10.0 * draw.normal(), ..reference() };
+        applied = Inputs::fresh(&nav, &reference, &applied).step(&mut controller, k);
+        assert!(applied.is_finite());
+        assert!(forces(&applied) <= 100.0 * (1.0 + 1e-12));
+        let limited = applied.limited.to_array();
+        for i in 0..4 {
+            let (asked, got) = (applied.requested.to_array()[i], applied.allocated.to_array()[i]);
+            assert_eq!(limited[i], (asked - got).abs() > 3.0 + 0.05 * asked.abs());
+        }
+    }
+}

@@ -1,0 +1,578 @@
+//! Line of sight, reference models and the guidance block; oracles: control.md, tests T7 and T15.
+
+mod common;
+
+use common::{H_S, guidance_config, tick};
+use core::f64::consts::PI;
+use supertwin_core::command::{GuidanceCommand, Setpoint};
+use supertwin_core::frame::ssa;
+use supertwin_core::message::{Direction, Mode, Nav, NetEstimate, Reference};
+use supertwin_core::observe::Snapshot;
+use supertwin_core::random::Stream;
+use supertwin_core::{Block, Input};
+use supertwin_gnc::guidance::Reason;
+use supertwin_gnc::los::{LineOfSight, PortSign};
+use supertwin_gnc::reference_model::{ReferenceModel, ReferenceModelConfig};
+use supertwin_gnc::{Guidance, GuidanceInput, OperatorLink};
+
+/// Age at which navigation is too old, as in `safety/standard.toml`.
+const NAV_LIMIT_S: f64 = 0.5;
+const NAV_LIMIT_TICKS: u64 = 25;
+
+// ---------------------------------------------------------------------------------------------------------------- T7
+
+/// `d(y_e)/dt` of a vehicle that moves as the law wants, heading anywhere, towards a plane net.
+fn cross_track_rate(port_sign: PortSign, direction: Direction, y_e: f64, heading_rad: f64) -> f64 {
+    let law = LineOfSight { lookahead_m: 2.0, port_sign };
+    let net_heading_rad: f64 = 0.8;
+    let desired = law.velocity(3.0 + y_e, 3.0, net_heading_rad, heading_rad, 0.2, direction);
+    assert!((desired.cross_track_m - y_e).abs() < 1e-12);
+    assert!((desired.surge_m_per_s.hypot(desired.sway_m_per_s) - 0.2).abs() < 1e-15, "always at U_d");
+    // Outward speed of the vehicle, by geometry in NED: it closes the distance.
+    let (s, c) = heading_rad.sin_cos();
+    let north = c * desired.surge_m_per_s - s * desired.sway_m_per_s;
+    let east = s * desired.surge_m_per_s + c * desired.sway_m_per_s;
+    -(north * net_heading_rad.cos() + east * net_heading_rad.sin())
+}
+
+#[test]
+fn t7_the_corrected_law_closes_the_distance_both_ways_and_the_printed_one_diverges_to_port() {
+    // Columns of the oracle: s, y_e, corrected, printed.
+    let oracle = [
+        (Direction::Starboard, -1.0, 0.089, 0.089),
+        (Direction::Starboard, 1.0, -0.089, -0.089),
+        (Direction::Port, -1.0, 0.089, -0.089),
+        (Direction::Port, 1.0, -0.089, 0.089),
+    ];
+    for (direction, y_e, corrected, printed) in oracle {
+        for heading_rad in [0.8, 0.3, -2.0, 3.1] {
+            let is_corrected = cross_track_rate(PortSign::Corrected, direction, y_e, heading_rad);
+            let is_printed = cross_track_rate(PortSign::Printed, direction, y_e, heading_rad);
+            // The oracle has three digits; exactly it is 0.2 sin(atan(1/2)) = 0.2/√5.
+            assert!((is_corrected - corrected).abs() < 5e-4, "{direction:?}, {y_e}: {is_corrected}");
+            assert!((is_printed - printed).abs() < 5e-4, "{direction:?}, {y_e}: {is_printed}");
+            assert!((is_corrected.abs() - 0.2 / 5f64.sqrt()).abs() < 1e-12);
+        }
+    }
+    println!("T7 |d(y_e)/dt| = {:.4} m/s (control.md: 0.089)", 0.2 / 5f64.sqrt());
+}
+
+#[test]
+fn at_the_desired_distance_the_vehicle_travels_along_the_net_in_the_asked_direction() {
+    let law = LineOfSight { lookahead_m: 2.0, port_sign: PortSign::Corrected };
+    for (direction, sway) in [(Direction::Starboard, 0.2), (Direction::Port, -0.2)] {
+        let desired = law.velocity(3.0, 3.0, -1.2, -1.2, 0.2, direction);
+        assert!(desired.surge_m_per_s.abs() < 1e-15 && (desired.sway_m_per_s - sway).abs() < 1e-15);
+    }
+}
+
+// --------------------------------------------------------------------------------------------------------------- T15
+
+fn models() -> [(&'static str, ReferenceModelConfig); 3] {
+    let reference = guidance_config("net-following").reference;
+    [("velocity", reference.velocity), ("depth", reference.depth), ("heading", reference.heading)]
+}
+
+#[test]
+fn t15_rate_and_acceleration_keep_their_limits_and_integrate_to_each_other() {
+    for (name, config) in models() {
+        let (max_rate, max_acceleration) = (config.max_rate.get(), config.max_acceleration.get());
+        let mut model = ReferenceModel::new(&config);
+        let mut draw = Stream::new(15, name);
+        let mut reached = [0.0f64; 2];
+        for _ in 0..200 {
+            let target = 3.0 * draw.normal();
+            for _ in 0..(draw.uniform(1.0, 300.0) as u32) {
+                let before = model;
+                model.step(target, H_S);
+                assert!(model.rate.abs() <= max_rate && model.acceleration.abs() <= max_acceleration * (1.0 + 1e-12));
+                assert!((before.rate + H_S * model.acceleration - model.rate).abs() < 1e-15, "realised acceleration");
+                assert!((before.value + H_S * model.rate - model.value).abs() < 1e-14);
+                reached = [reached[0].max(model.rate.abs()), reached[1].max(model.acceleration.abs())];
+            }
+        }
+        assert!((reached[0] / max_rate - 1.0).abs() < 1e-9, "{name}: the limits were met");
+        assert!((reached[1] / max_acceleration - 1.0).abs() < 1e-9, "{name}: the limits were met");
+    }
+}
+
+#[test]
+fn t15_without_saturation_a_reference_never_overshoots() {
+    for (name, config) in models() {
+        let mut model = ReferenceModel::new(&config);
+        // Small enough that ω² e stays below the acceleration limit.
+        let omega = config.natural_frequency_rad_per_s.get();
+        let target = 0.5 * config.max_acceleration.get() / (omega * omega);
+        for _ in 0..3000 {
+            let before = model.value;
+            model.step(target, H_S);
+            assert!(model.value <= target * (1.0 + 1e-12) && model.value >= before, "{name}: monotonous");
+        }
+        assert!((model.value / target - 1.0).abs() < 1e-9, "{name} arrives: {}", model.value);
+    }
+}
+
+#[test]
+fn t15_it_is_critically_damped_with_its_natural_frequency() {
+    for (name, config) in models() {
+        let omega = config.natural_frequency_rad_per_s.get();
+        let target = 1e-3;
+        let mut model = ReferenceModel::new(&config);
+        let mut t_s = 0.0;
+        // e(t) = (1 + ωt) e^{−ωt}, up to the step's first-order error.
+        while t_s < 5.0 / omega {
+            model.step(target, H_S);
+            t_s += H_S;
+            let exact = 1.0 - (1.0 + omega * t_s) * (-omega * t_s).exp();
+            assert!((model.value / target - exact).abs() < 1.5 * omega * H_S, "{name} at {t_s}");
+        }
+    }
+}
+
+#[test]
+fn t15_saturated_references_do_not_overshoot_a_step_either() {
+    for (name, config) in models() {
+        for target in [0.01, 0.1, 0.5, 1.0, 3.0, 10.0] {
+            let mut model = ReferenceModel::new(&config);
+            let mut most: f64 = 0.0;
+            for _ in 0..10_000 {
+                model.step(target, H_S);
+                most = most.max(model.value);
+            }
+            assert!(most <= target * (1.0 + 1e-12), "{name}, step of {target}: {most}");
+            assert!((model.value / target - 1.0).abs() < 1e-9 && model.rate.abs() < 1e-9, "{name}: {}", model.value);
+        }
+    }
+}
+
+#[test]
+fn t15_angles_take_the_short_way_across_plus_minus_pi_both_ways() {
+    let heading = models()[2].1;
+    for (from, to) in [(3.0, -3.0), (-3.0, 3.0), (PI - 0.01, -PI + 0.2), (1.0, -2.5)] {
+        let mut model = ReferenceModel::new(&heading);
+        model.hold(from);
+        let way = ssa(to - from);
+        let mut travelled = 0.0;
+        let mut wrapped = false;
+        for _ in 0..3000 {
+            let before = model.value;
+            model.step_angle(to, H_S);
+            let step = ssa(model.value - before);
+            wrapped |= (model.value - before).abs() > PI;
+            assert!((-PI..PI).contains(&model.value), "{}", model.value);
+            assert!(step.abs() <= heading.max_rate.get() * H_S * (1.0 + 1e-9), "no jump, not at the seam either");
+            travelled += step;
+        }
+        assert!((travelled - way).abs() < 1e-6, "{from} to {to}: {travelled} against {way}");
+        assert_eq!(wrapped, (from + way).abs() > PI, "{from} to {to}");
+    }
+}
+
+// ---------------------------------------------------------------------------------------------------- the block, bits
+
+fn guidance() -> Guidance {
+    Guidance::new(&guidance_config("net-following"), NAV_LIMIT_S, H_S)
+}
+
+fn nav(depth_m: f64, heading_rad: f64) -> Nav {
+    let net = NetEstimate { distance_m: 3.4, heading_rad: 0.5, valid: true, ..NetEstimate::default() };
+    Nav { depth_m, heading_rad, net, ..Nav::default() }
+}
+
+fn step(guidance: &mut Guidance, k: u64, nav: &Nav) -> Reference {
+    guidance.step(tick(k), GuidanceInput { nav: Input::Fresh(nav), operator: OperatorLink::Present })
+}
+
+fn ask(guidance: &mut Guidance, k: u64, command: GuidanceCommand) {
+    guidance.command(tick(k), &command).expect("obeyed");
+}
+
+fn target(guidance: &Guidance) -> [f64; 2] {
+    let shown = Snapshot::of(guidance);
+    shown.get("guidance/target").expect("shown").try_into().expect("two numbers")
+}
+
+/// Steps on fresh, constant navigation from `k` on; the last reference.
+fn run(guidance: &mut Guidance, k: &mut u64, ticks: u64, nav: &Nav) -> Reference {
+    let mut reference = Reference::default();
+    for _ in 0..ticks {
+        reference = step(guidance, *k, nav);
+        *k += 1;
+    }
+    reference
+}
+
+#[test]
+fn before_the_first_navigation_guidance_waits_in_neutral() {
+    let mut guidance = guidance();
+    ask(&mut guidance, 0, GuidanceCommand::Mode(Mode::DepthHeadingHold));
+    for k in 0..10 {
+        let input = GuidanceInput { nav: Input::Missing, operator: OperatorLink::Present };
+        let reference = guidance.step(tick(k), input);
+        assert_eq!(reference.mode, Mode::Neutral);
+        assert_eq!(guidance.reason(), Reason::WaitingForNav);
+    }
+    let reference = step(&mut guidance, 10, &nav(2.0, 0.7));
+    assert_eq!((reference.mode, guidance.reason()), (Mode::DepthHeadingHold, Reason::Commanded));
+    assert_eq!((reference.depth_m, reference.heading_rad), (2.0, 0.7), "it holds where the vehicle is");
+}
+
+#[test]
+fn neutral_keeps_the_references_on_the_vehicle() {
+    let mut guidance = guidance();
+    let mut draw = Stream::new(1, "drift");
+    for k in 0..200 {
+        let here = nav(5.0 + draw.normal(), draw.uniform(-PI, PI));
+        let reference = step(&mut guidance, k, &here);
+        let expected = Reference {
+            depth_m: here.depth_m,
+            heading_rad: here.heading_rad,
+            net_distance_m: 3.0,
+            ..Reference::default()
+        };
+        assert_eq!(reference, expected);
+    }
+    // From there into hold: no step in depth or heading.
+    let here = nav(4.2, -2.2);
+    step(&mut guidance, 200, &here);
+    ask(&mut guidance, 201, GuidanceCommand::Mode(Mode::DepthHeadingHold));
+    let mut k = 201;
+    let reference = run(&mut guidance, &mut k, 500, &here);
+    assert_eq!((reference.depth_m, reference.heading_rad), (4.2, -2.2));
+}
+
+#[test]
+fn hold_goes_to_its_set_points_at_rest_in_surge_and_sway() {
+    let mut guidance = guidance();
+    let mut k = 0;
+    ask(&mut guidance, k, GuidanceCommand::Mode(Mode::DepthHeadingHold));
+    run(&mut guidance, &mut k, 1, &nav(1.5, 0.2));
+    ask(&mut guidance, k, GuidanceCommand::DepthM(Setpoint::Constant(3.5)));
+    ask(&mut guidance, k, GuidanceCommand::HeadingRad(Setpoint::Constant(-0.4)));
+    let reference = run(&mut guidance, &mut k, 2000, &nav(1.5, 0.2));
+    assert!((reference.depth_m - 3.5).abs() < 1e-4 && (reference.heading_rad + 0.4).abs() < 1e-6, "{reference:?}");
+    assert_eq!((reference.surge_m_per_s, reference.sway_m_per_s, reference.speed_m_per_s), (0.0, 0.0, 0.0));
+    assert_eq!(target(&guidance), [3.5, -0.4]);
+}
+
+#[test]
+fn following_the_net_faces_it_and_travels_by_line_of_sight() {
+    let mut guidance = guidance();
+    let mut k = 0;
+    ask(&mut guidance, k, GuidanceCommand::Mode(Mode::FollowNet));
+    // 0.4 m too far out at 0.2 m/s, facing the net: u_d = U sin(atan(0.4/2)), v_d = U cos(…) to starboard.
+    let here = nav(2.0, 0.5);
+    let reference = run(&mut guidance, &mut k, 1500, &here);
+    let angle = 0.2f64.atan();
+    assert_eq!(reference.mode, Mode::FollowNet);
+    assert!((reference.surge_m_per_s - 0.2 * angle.sin()).abs() < 1e-6, "{}", reference.surge_m_per_s);
+    assert!((reference.sway_m_per_s - 0.2 * angle.cos()).abs() < 1e-6);
+    assert!((reference.heading_rad - 0.5).abs() < 1e-9);
+    assert_eq!((reference.speed_m_per_s, reference.net_distance_m), (0.2, 3.0));
+    ask(&mut guidance, k, GuidanceCommand::Direction(Direction::Port));
+    let reference = run(&mut guidance, &mut k, 1500, &here);
+    assert!((reference.surge_m_per_s - 0.2 * angle.sin()).abs() < 1e-6, "still towards the net");
+    assert!((reference.sway_m_per_s + 0.2 * angle.cos()).abs() < 1e-6);
+    assert_eq!(reference.speed_m_per_s, -0.2);
+}
+
+#[test]
+fn set_points_follow_their_profiles() {
+    let mut guidance = guidance();
+    let mut k = 0;
+    let here = nav(2.0, 0.0);
+    ask(&mut guidance, k, GuidanceCommand::Mode(Mode::DepthHeadingHold));
+    run(&mut guidance, &mut k, 1, &here);
+    // A ramp, from where the set-point is.
+    let from = k;
+    ask(&mut guidance, k, GuidanceCommand::DepthM(Setpoint::Ramp { to: 5.0, over_s: 30.0 }));
+    let mut reference = Reference::default();
+    while k < from + 1500 {
+        reference = run(&mut guidance, &mut k, 1, &here);
+        let elapsed_s = (k - 1 - from) as f64 * H_S;
+        assert!((target(&guidance)[0] - (2.0 + 0.1 * elapsed_s)).abs() < 1e-9, "at {elapsed_s} s");
+    }
+    // On a ramp a critically damped model trails by 2/ω of its slope.
+    assert!((reference.depth_m_per_s - 0.1).abs() < 1e-4);
+    assert!((target(&guidance)[0] - reference.depth_m - 0.1 * 2.0 / 0.6).abs() < 5e-3, "{}", reference.depth_m);
+    // A sine about the depth, and another in heading across the seam.
+    let from = k;
+    ask(&mut guidance, k, GuidanceCommand::DepthM(Setpoint::Sine { mean: 5.0, amplitude: 0.5, period_s: 20.0 }));
+    ask(&mut guidance, k, GuidanceCommand::HeadingRad(Setpoint::Sine { mean: PI, amplitude: 0.3, period_s: 30.0 }));
+    for _ in 0..3000 {
+        run(&mut guidance, &mut k, 1, &here);
+        let elapsed_s = (k - 1 - from) as f64 * H_S;
+        let [depth_m, heading_rad] = target(&guidance);
+        assert!((depth_m - 5.0 - 0.5 * (PI * elapsed_s / 10.0).sin()).abs() < 1e-9);
+        assert!((heading_rad - PI - 0.3 * (PI * elapsed_s / 15.0).sin()).abs() < 1e-9);
+    }
+    // Distance and speed along the net.
+    ask(&mut guidance, k, GuidanceCommand::Mode(Mode::FollowNet));
+    ask(&mut guidance, k, GuidanceCommand::NetDistanceM(Setpoint::Ramp { to: 2.0, over_s: 10.0 }));
+    ask(&mut guidance, k, GuidanceCommand::SpeedMPerS(Setpoint::Ramp { to: 0.4, over_s: 10.0 }));
+    ask(&mut guidance, k, GuidanceCommand::Direction(Direction::Port));
+    let reference = run(&mut guidance, &mut k, 251, &here);
+    assert!((reference.net_distance_m - 2.5).abs() < 1e-9 && (reference.speed_m_per_s + 0.3).abs() < 1e-9);
+}
+
+#[test]
+fn set_points_outside_their_limits_are_refused_with_value_and_rule_and_change_nothing() {
+    let mut guidance = guidance();
+    let mut k = 0;
+    ask(&mut guidance, k, GuidanceCommand::Mode(Mode::FollowNet));
+    let here = nav(2.0, 0.5);
+    run(&mut guidance, &mut k, 100, &here);
+    let untouched = guidance.clone();
+    let sine = Setpoint::Sine { mean: 0.3, amplitude: 0.5, period_s: 10.0 };
+    let cases = [
+        (GuidanceCommand::DepthM(Setpoint::Constant(20.0)), "depth_m = 20: must lie between 0 and 14"),
+        (GuidanceCommand::DepthM(sine), "depth_m = -0.2: must lie between 0 and 14"),
+        (GuidanceCommand::DepthM(Setpoint::Constant(f64::NAN)), "depth_m = NaN: must lie between 0 and 14"),
+        (
+            GuidanceCommand::DepthM(Setpoint::Ramp { to: 3.0, over_s: 0.0 }),
+            "depth_m: the time 0 s must be positive and finite",
+        ),
+        (GuidanceCommand::NetDistanceM(Setpoint::Constant(0.5)), "net_distance_m = 0.5: must lie between 1 and 8"),
+        (
+            GuidanceCommand::NetDistanceM(Setpoint::Ramp { to: 9.0, over_s: 5.0 }),
+            "net_distance_m = 9: must lie between 1 and 8",
+        ),
+        (GuidanceCommand::SpeedMPerS(Setpoint::Constant(0.6)), "speed_m_per_s = 0.6: must lie between 0 and 0.5"),
+        (GuidanceCommand::SpeedMPerS(Setpoint::Constant(-0.1)), "speed_m_per_s = -0.1: must lie between 0 and 0.5"),
+        (
+            GuidanceCommand::HeadingRad(Setpoint::Constant(f64::INFINITY)),
+            "heading_rad = inf: must lie between -6.283185307179586 and 6.283185307179586",
+        ),
+    ];
+    for (command, message) in cases {
+        let refusal = guidance.command(tick(k), &command).expect_err("outside");
+        assert_eq!(refusal.to_string(), message);
+    }
+    let (mut a, mut b) = (guidance, untouched);
+    let mut k_b = k;
+    assert_eq!(run(&mut a, &mut k, 500, &here), run(&mut b, &mut k_b, 500, &here));
+}
+
+// ------------------------------------------------------------------------------------------- the block, stale and lost
+
+#[test]
+fn stale_navigation_stops_the_reference_where_it_is() {
+    for held in [true, false] {
+        let mut guidance = guidance();
+        let mut k = 0;
+        ask(&mut guidance, k, GuidanceCommand::Mode(Mode::FollowNet));
+        ask(&mut guidance, k, GuidanceCommand::DepthM(Setpoint::Constant(6.0)));
+        let here = nav(2.0, 0.0);
+        let last = run(&mut guidance, &mut k, 100, &here);
+        assert!(last.depth_m_per_s > 0.1 && last.sway_m_per_s > 0.05, "everything is moving");
+        let made_at = k - 1;
+        let stale = || GuidanceInput {
+            nav: if held { Input::Held { value: &here, made_at } } else { Input::Missing },
+            operator: OperatorLink::Present,
+        };
+        if held {
+            // Up to the limit it goes on.
+            while k <= made_at + NAV_LIMIT_TICKS {
+                guidance.step(tick(k), stale());
+                assert_eq!(guidance.reason(), Reason::Commanded, "age {}", k - made_at);
+                k += 1;
+            }
+        }
+        let stopped = guidance.step(tick(k), stale());
+        assert_eq!(guidance.reason(), Reason::NavStale);
+        assert_eq!(
+            [
+                stopped.surge_m_per_s2,
+                stopped.sway_m_per_s2,
+                stopped.depth_m_per_s,
+                stopped.depth_m_per_s2,
+                stopped.heading_rad_per_s,
+                stopped.heading_rad_per_s2
+            ],
+            [0.0; 6]
+        );
+        for _ in 0..100 {
+            k += 1;
+            assert_eq!(guidance.step(tick(k), stale()), stopped);
+        }
+        // Fresh again: it goes on from there, at its limits.
+        k += 1;
+        let again = step(&mut guidance, k, &here);
+        assert_eq!(guidance.reason(), Reason::Commanded);
+        assert!((again.depth_m - stopped.depth_m).abs() <= 0.08 * H_S * H_S * (1.0 + 1e-9));
+        assert!((again.sway_m_per_s - stopped.sway_m_per_s).abs() <= 0.5 * H_S * H_S * (1.0 + 1e-9));
+        assert!(ssa(again.heading_rad - stopped.heading_rad).abs() <= 0.2095 * H_S * H_S);
+    }
+}
+
+#[test]
+fn without_an_operator_the_vehicle_holds_depth_and_heading() {
+    let mut guidance = guidance();
+    let mut k = 0;
+    ask(&mut guidance, k, GuidanceCommand::Mode(Mode::FollowNet));
+    let here = nav(2.0, 0.5);
+    let before = run(&mut guidance, &mut k, 1000, &here);
+    let lost = |k: u64, guidance: &mut Guidance| {
+        guidance.step(tick(k), GuidanceInput { nav: Input::Fresh(&here), operator: OperatorLink::Lost })
+    };
+    let mut reference = lost(k, &mut guidance);
+    assert_eq!((reference.mode, guidance.reason()), (Mode::DepthHeadingHold, Reason::OperatorLost));
+    for _ in 0..1000 {
+        k += 1;
+        reference = lost(k, &mut guidance);
+    }
+    assert!(reference.surge_m_per_s.abs() < 1e-6 && reference.sway_m_per_s.abs() < 1e-6, "it has stopped");
+    assert!((reference.heading_rad - before.heading_rad).abs() < 1e-9 && (reference.depth_m - 2.0).abs() < 1e-9);
+    // Back in command, it takes up what was commanded.
+    k += 1;
+    assert_eq!(step(&mut guidance, k, &here).mode, Mode::FollowNet);
+    // Neutral stays neutral.
+    ask(&mut guidance, k, GuidanceCommand::Mode(Mode::Neutral));
+    k += 1;
+    assert_eq!(lost(k, &mut guidance).mode, Mode::Neutral);
+}
+
+#[test]
+fn without_a_net_following_becomes_holding_until_the_net_is_seen_again() {
+    let mut guidance = guidance();
+    let mut k = 0;
+    ask(&mut guidance, k, GuidanceCommand::Mode(Mode::FollowNet));
+    let here = nav(2.0, 0.5);
+    run(&mut guidance, &mut k, 500, &here);
+    let mut blind = here.clone();
+    blind.net.valid = false;
+    // Numbers of an invalid net must not matter.
+    (blind.net.distance_m, blind.net.heading_rad) = (0.0, 2.9);
+    let reference = run(&mut guidance, &mut k, 1, &blind);
+    assert_eq!((reference.mode, guidance.reason()), (Mode::DepthHeadingHold, Reason::NetLost));
+    let reference = run(&mut guidance, &mut k, 1000, &blind);
+    assert!((reference.heading_rad - 0.5).abs() < 1e-6 && reference.sway_m_per_s.abs() < 1e-6, "{reference:?}");
+    assert_eq!(reference.speed_m_per_s, 0.0);
+    let reference = run(&mut guidance, &mut k, 1, &here);
+    assert_eq!((reference.mode, guidance.reason()), (Mode::FollowNet, Reason::Commanded));
+}
+
+/// A vehicle that does what the references say, in front of a plane net.
+struct Follower {
+    north_m: f64,
+    east_m: f64,
+    nav: Nav,
+    net_heading_rad: f64,
+}
+
+impl Follower {
+    fn new() -> Self {
+        let mut follower = Self { north_m: 0.0, east_m: 0.0, nav: nav(1.5, 0.3), net_heading_rad: 3.0 };
+        follower.look();
+        follower
+    }
+    fn look(&mut self) {
+        let (s, c) = self.net_heading_rad.sin_cos();
+        self.nav.net = NetEstimate {
+            distance_m: 3.8 - self.north_m * c - self.east_m * s,
+            heading_rad: self.net_heading_rad,
+            valid: true,
+            ..NetEstimate::default()
+        };
+    }
+    fn follow(&mut self, reference: &Reference) {
+        let (s, c) = reference.heading_rad.sin_cos();
+        self.north_m += H_S * (c * reference.surge_m_per_s - s * reference.sway_m_per_s);
+        self.east_m += H_S * (s * reference.surge_m_per_s + c * reference.sway_m_per_s);
+        self.nav.depth_m = reference.depth_m;
+        self.nav.heading_rad = reference.heading_rad;
+        // A net that bends away as one travels along it.
+        self.net_heading_rad = ssa(self.net_heading_rad + 0.0004);
+        self.look();
+    }
+}
+
+#[test]
+fn no_reference_jumps_at_any_mode_change_of_a_scripted_run() {
+    let mut guidance = guidance();
+    let mut vehicle = Follower::new();
+    let mut last: Option<Reference> = None;
+    let mut seen = Vec::new();
+    for k in 0..12_000 {
+        let command = match k {
+            0 => Some(GuidanceCommand::Mode(Mode::DepthHeadingHold)),
+            1 => Some(GuidanceCommand::DepthM(Setpoint::Constant(3.5))),
+            1000 => Some(GuidanceCommand::Mode(Mode::FollowNet)),
+            2500 => Some(GuidanceCommand::Direction(Direction::Port)),
+            3500 => Some(GuidanceCommand::SpeedMPerS(Setpoint::Constant(0.5))),
+            4000 => Some(GuidanceCommand::NetDistanceM(Setpoint::Constant(2.0))),
+            // 5000 to 6000: no net. 7000 to 8000: no operator.
+            8500 => Some(GuidanceCommand::DepthM(Setpoint::Ramp { to: 8.0, over_s: 20.0 })),
+            9000 => Some(GuidanceCommand::Mode(Mode::DepthHeadingHold)),
+            9500 => Some(GuidanceCommand::HeadingRad(Setpoint::Constant(-2.9))),
+            10_200 => Some(GuidanceCommand::HeadingRad(Setpoint::Constant(2.9))),
+            11_000 => Some(GuidanceCommand::Mode(Mode::FollowNet)),
+            _ => None,
+        };
+        if let Some(command) = command {
+            ask(&mut guidance, k, command);
+        }
+        vehicle.nav.net.valid = !(5000..6000).contains(&k);
+        let operator = if (7000..8000).contains(&k) { OperatorLink::Lost } else { OperatorLink::Present };
+        let reference = guidance.step(tick(k), GuidanceInput { nav: Input::Fresh(&vehicle.nav), operator });
+        if let Some(last) = &last {
+            let eps = 1e-12;
+            for (was, is, rate_was, rate_is, max_rate, max_acceleration) in [
+                (last.surge_m_per_s, reference.surge_m_per_s, last.surge_m_per_s2, reference.surge_m_per_s2, 0.15, 0.5),
+                (last.sway_m_per_s, reference.sway_m_per_s, last.sway_m_per_s2, reference.sway_m_per_s2, 0.15, 0.5),
+                (last.depth_m, reference.depth_m, last.depth_m_per_s, reference.depth_m_per_s, 0.22, 0.08),
+                (
+                    0.0,
+                    ssa(reference.heading_rad - last.heading_rad),
+                    last.heading_rad_per_s,
+                    reference.heading_rad_per_s,
+                    10f64.to_radians(),
+                    12f64.to_radians(),
+                ),
+            ] {
+                assert!((is - was).abs() <= max_rate * H_S + eps, "tick {k}: {was} to {is}");
+                assert!(
+                    (rate_is - rate_was).abs() <= max_acceleration * H_S + eps,
+                    "tick {k}: {rate_was} to {rate_is}"
+                );
+                assert!((is - was - H_S * rate_is).abs() < 1e-9, "tick {k}: the rate is the value's");
+            }
+        }
+        if seen.last() != Some(&(reference.mode, guidance.reason())) {
+            seen.push((reference.mode, guidance.reason()));
+        }
+        vehicle.follow(&reference);
+        last = Some(reference);
+    }
+    let (hold, follow) = (Mode::DepthHeadingHold, Mode::FollowNet);
+    let expected = [
+        (hold, Reason::Commanded),
+        (follow, Reason::Commanded),
+        (hold, Reason::NetLost),
+        (follow, Reason::Commanded),
+        (hold, Reason::OperatorLost),
+        (follow, Reason::Commanded),
+        (hold, Reason::Commanded),
+        (follow, Reason::Commanded),
+    ];
+    assert_eq!(seen, expected);
+}
+
+#[test]
+fn line_of_sight_brings_a_perfect_vehicle_to_its_distance_both_ways() {
+    for direction in [Direction::Starboard, Direction::Port] {
+        let mut guidance = guidance();
+        let mut vehicle = Follower::new();
+        ask(&mut guidance, 0, GuidanceCommand::Mode(Mode::FollowNet));
+        ask(&mut guidance, 0, GuidanceCommand::Direction(direction));
+        for k in 0..5000 {
+            let reference = step(&mut guidance, k, &vehicle.nav);
+            vehicle.follow(&reference);
+            vehicle.net_heading_rad = 3.0;
+            vehicle.look();
+        }
+        let error = vehicle.nav.net.distance_m - 3.0;
+        // Time constant Δ/U_d = 10 s: 0.8 m become centimetres within 100 s.
+        assert!(error.abs() < 0.02, "{direction:?}: {error} m");
+    }
+}

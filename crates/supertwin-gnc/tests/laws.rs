@@ -1,0 +1,627 @@
+//! The control laws on all four axes, from their real parameter files; oracles: control.md, tests T4 and T14.
+
+mod common;
+
+use common::{H_S, axes, errors, input, law, law_config_with, nominal};
+use nalgebra::Vector4;
+use supertwin_core::message::WrenchRequest;
+use supertwin_core::observe::Snapshot;
+use supertwin_core::random::Stream;
+use supertwin_gnc::control::super_twisting::SuperTwisting;
+use supertwin_gnc::control::surface::{Surface, SurfaceConfig};
+use supertwin_gnc::control::{Agsta, Law, LawInput, TrackingError};
+
+/// `α_tol` of table II.
+const ALPHA_TOL: [f64; 4] = [0.2, 0.2, 0.15, 0.2];
+/// `ε` of table II.
+const EPSILON: [f64; 4] = [1e-4, 1e-4, 1e-5, 1e-3];
+/// `λ` of table II.
+const LAMBDA: [f64; 4] = [2.0, 2.0, 0.01, 1.0];
+/// `ω √(γ/2)` of table II, as control.md prints it.
+const RATES: [f64; 4] = [1.581, 1.581, 1.225, 0.707];
+
+/// Every controller file.
+const FILES: [&str; 13] = [
+    "agsta",
+    "agsta-acceleration-free",
+    "agsta-capped",
+    "agsta-implicit",
+    "agsta-literal-acceleration",
+    "agsta-literal-k2",
+    "bluerov2-pid",
+    "external",
+    "gsta",
+    "gsta-implicit",
+    "gsta-tuned",
+    "pid",
+    "pid-tuned",
+];
+
+fn agsta(law: &Law) -> &Agsta {
+    match law {
+        Law::Agsta(agsta) => agsta,
+        other => panic!("{} is not agsta", other.name()),
+    }
+}
+
+fn twisting(law: &Law) -> &SuperTwisting {
+    match law {
+        Law::Gsta(gsta) => gsta.twisting(),
+        Law::Agsta(agsta) => agsta.twisting(),
+        other => panic!("{} has no integrator z", other.name()),
+    }
+}
+
+fn agsta_with(path: &[&str], value: impl Into<toml::Value>) -> Law {
+    let mut full = vec!["law", "agsta"];
+    full.extend_from_slice(path);
+    law_config_with("agsta", &full, value).build(&nominal()).expect("legal")
+}
+
+/// Random errors of the size that a run sees.
+fn random_errors(draw: &mut Stream) -> TrackingError {
+    let x1 = [0.2 * draw.normal(), 0.2 * draw.normal(), 0.3 * draw.normal(), 0.3 * draw.normal()];
+    let mut error = errors(x1, 0.1 * draw.normal(), 0.1 * draw.normal());
+    error.model_acceleration = draw.normals::<4>() * 0.05;
+    error
+}
+
+fn random_wrench(draw: &mut Stream) -> Vector4<f64> {
+    draw.normals::<4>().component_mul(&Vector4::new(60.0, 60.0, 40.0, 8.0))
+}
+
+fn lead(time_constant_s: f64) -> SurfaceConfig {
+    SurfaceConfig::LeadFilter { time_constant_s: time_constant_s.try_into().expect("positive") }
+}
+
+// ---------------------------------------------------------------------------------------------------- T4, adaptation
+
+#[test]
+fn t4_inside_its_tolerance_k1_is_constant_to_the_bit() {
+    for start in [[0.0; 4], [15.0, 0.1, 7.7, 2.3]] {
+        // With constant errors at rest σ = x1: just inside the tolerance, on both sides.
+        for side in [1.0, -1.0] {
+            let mut law = agsta_with(&["adaptation", "k1_initial"], axes(start));
+            let error = errors(ALPHA_TOL.map(|tol| side * 0.999 * tol), 0.0, 0.0);
+            for _ in 0..3000 {
+                law.step(&input(&error));
+                assert_eq!(law.k1().map(f64::to_bits), start.map(f64::to_bits));
+            }
+            assert_eq!(law.sigma(), Some(error.x1.into()));
+            assert_eq!(law.alpha_tol(), Some(ALPHA_TOL));
+        }
+    }
+}
+
+#[test]
+fn t4_outside_its_tolerance_k1_grows_linearly_at_the_printed_rates() {
+    for side in [1.0, -1.0] {
+        let mut law = law("agsta");
+        // The tolerance itself counts as outside: |σ| ≥ α_tol.
+        let error = errors(ALPHA_TOL.map(|tol| side * tol), 0.0, 0.0);
+        for _ in 0..5000 {
+            law.step(&input(&error));
+        }
+        let t_s = 5000.0 * H_S;
+        for i in 0..4 {
+            let rate = law.k1()[i] / t_s;
+            assert!((rate - RATES[i]).abs() < 5e-4, "axis {i}: {rate} per s against {}", RATES[i]);
+        }
+        let exact = [2.5f64.sqrt(), 2.5f64.sqrt(), 1.5f64.sqrt(), 0.5f64.sqrt()];
+        for i in 0..4 {
+            assert!((law.k1()[i] - exact[i] * t_s).abs() < 1e-9, "axis {i}");
+        }
+    }
+}
+
+#[test]
+fn t4_k1_never_falls_without_a_leak_and_k2_is_algebraic_at_every_step() {
+    let mut law = law("agsta");
+    let mut draw = Stream::new(4, "errors");
+    let mut last = law.k1();
+    let mut grown = [0; 4];
+    for _ in 0..5000 {
+        let error = random_errors(&mut draw);
+        law.step(&input(&error));
+        let t = twisting(&law);
+        for i in 0..4 {
+            let outside = t.sigma[i].abs() >= ALPHA_TOL[i];
+            assert!(t.k1[i] >= last[i]);
+            assert_eq!(t.k1[i] > last[i], outside, "axis {i} grows exactly when it is outside");
+            grown[i] += u32::from(outside);
+            let algebraic = 2.0 * EPSILON[i] * t.k1[i] + LAMBDA[i] + 4.0 * EPSILON[i] * EPSILON[i];
+            assert!((t.k2[i] - algebraic).abs() <= 1e-15 * algebraic, "axis {i}: {} against {algebraic}", t.k2[i]);
+        }
+        last = law.k1();
+    }
+    assert!(grown.iter().all(|n| (500..4500).contains(n)), "both cases were seen: {grown:?}");
+}
+
+#[test]
+fn t4_k2_before_the_first_step_is_algebraic_too() {
+    let law = law("agsta");
+    for i in 0..4 {
+        assert!((twisting(&law).k2[i] - LAMBDA[i] - 4.0 * EPSILON[i] * EPSILON[i]).abs() < 1e-15);
+    }
+}
+
+/// Eq. (20) as printed, with a dot: surge k2 grows by 2 per second (control.md, section 1.3 (iv): 240 after 120 s).
+#[test]
+fn t4_the_integrated_second_gain_runs_away() {
+    let mut law = law("agsta-literal-k2");
+    let error = errors([0.1; 4], 0.0, 0.0);
+    for _ in 0..6000 {
+        law.step(&input(&error));
+    }
+    let k2 = twisting(&law).k2;
+    for i in 0..4 {
+        let slope = LAMBDA[i] + 4.0 * EPSILON[i] * EPSILON[i];
+        assert!((k2[i] - slope * (1.0 + 120.0)).abs() < 1e-8, "axis {i}: {}", k2[i]);
+    }
+    assert!((k2[0] - 242.0).abs() < 1e-3, "2 at the start and 240 more: {}", k2[0]);
+}
+
+#[test]
+fn t4_a_cap_is_reached_and_never_passed() {
+    let caps = [50.0, 58.0, 80.0, 28.0];
+    let mut law = agsta_with(&["adaptation", "k1_cap"], axes(caps));
+    let error = errors([1.0; 4], 0.0, 0.0);
+    for _ in 0..5000 {
+        law.step(&input(&error));
+        assert!((0..4).all(|i| law.k1()[i] <= caps[i]));
+    }
+    assert_eq!(law.k1(), caps);
+}
+
+#[test]
+fn t4_a_cap_below_its_start_is_refused_by_name() {
+    let mut table = common::file("controllers/agsta-capped");
+    table["law"]["agsta"]["adaptation"]["k1_initial"] = axes([0.0, 60.0, 0.0, 0.0]).into();
+    let config: supertwin_gnc::ControllerConfig = table.try_into().expect("parses");
+    let refusal = config.law.build(&nominal()).expect_err("58 < 60");
+    assert_eq!(refusal, "law.agsta.adaptation.k1_cap = 58 (sway): must not be below k1_initial = 60");
+}
+
+#[test]
+fn t4_a_leak_lets_k1_decay_towards_its_start() {
+    let mut table = common::file("controllers/agsta");
+    table["law"]["agsta"]["adaptation"]["k1_initial"] = axes([3.0; 4]).into();
+    let adaptation = table["law"]["agsta"]["adaptation"].as_table_mut().expect("a table");
+    adaptation.insert("leak_per_s".to_owned(), 0.05.into());
+    let config: supertwin_gnc::ControllerConfig = table.try_into().expect("parses");
+    let mut law = config.law.build(&nominal()).expect("legal");
+    let outside = errors([1.0; 4], 0.0, 0.0);
+    for _ in 0..1000 {
+        law.step(&input(&outside));
+    }
+    let inside = errors([0.0; 4], 0.0, 0.0);
+    // The lead filter takes the jump of the error for an acceleration: until that is over, σ is still outside.
+    for _ in 0..200 {
+        law.step(&input(&inside));
+    }
+    let high = law.k1();
+    for _ in 0..1000 {
+        law.step(&input(&inside));
+    }
+    let decay = (1.0f64 - 0.05 * H_S).powi(1000);
+    assert!((decay - (-1.0f64).exp()).abs() < 1e-3, "20 s at 0.05 per s are one time constant");
+    for i in 0..4 {
+        assert!(high[i] > 5.0);
+        assert!((law.k1()[i] - 3.0 - (high[i] - 3.0) * decay).abs() < 1e-9, "axis {i}");
+    }
+    // With the leak the growth levels off at start + rate/leak.
+    for _ in 0..50_000 {
+        law.step(&input(&outside));
+    }
+    for i in 0..4 {
+        assert!((law.k1()[i] - 3.0 - RATES[i] / 0.05).abs() < 0.02, "axis {i}: {}", law.k1()[i]);
+    }
+}
+
+#[test]
+fn t4_a_limited_axis_freezes_integrator_and_adaptation_and_the_others_go_on() {
+    for name in ["agsta", "agsta-implicit", "agsta-literal-k2", "agsta-capped"] {
+        let mut law = law(name);
+        let error = errors([1.0; 4], 0.0, 0.0);
+        law.step(&input(&error));
+        let before = law.clone();
+        let limited = [false, true, false, true];
+        law.step(&LawInput { limited, ..input(&error) });
+        let (was, is) = (twisting(&before), twisting(&law));
+        for i in 0..4 {
+            for (a, b) in [(was.k1[i], is.k1[i]), (was.k2[i], is.k2[i]), (was.z[i], is.z[i])] {
+                assert_eq!(a.to_bits() == b.to_bits(), limited[i], "{name}, axis {i}: {a} and {b}");
+            }
+        }
+    }
+}
+
+#[test]
+fn t4_without_anti_windup_a_limited_axis_goes_on() {
+    let mut law = agsta_with(&["anti_windup"], "none");
+    let error = errors([1.0; 4], 0.0, 0.0);
+    law.step(&LawInput { limited: [true; 4], ..input(&error) });
+    assert!((0..4).all(|i| law.k1()[i] > 0.0 && twisting(&law).z[i] < 0.0));
+}
+
+#[test]
+fn a_hand_over_keeps_adapted_gains_and_a_reset_forgets_them() {
+    let mut law = law("agsta");
+    let error = errors([1.0; 4], 0.0, 0.0);
+    for _ in 0..500 {
+        law.step(&input(&error));
+    }
+    let adapted = law.k1();
+    law.start_from(&input(&error), &Vector4::new(10.0, 0.0, -3.0, 1.0));
+    assert_eq!(law.k1(), adapted);
+    law.reset();
+    assert_eq!(law.k1(), [0.0; 4]);
+    assert_eq!(twisting(&law).z, Vector4::zeros());
+    assert!(agsta(&law).twisting().k2[0] < 2.001);
+}
+
+// ----------------------------------------------------------------------------------------------- T14 and the surface
+
+/// The heave velocity that puts `σ_z` on zero at this depth error; σ is affine in it.
+fn heave_rate_on_the_surface(surface: &Surface, z: f64, h_s: f64) -> f64 {
+    let sigma = |w: f64| surface.clone().step(&errors([0.0, 0.0, z, 0.0], w, 0.0), h_s)[2];
+    let (at_0, at_1) = (sigma(0.0), sigma(1.0));
+    -at_0 / (at_1 - at_0)
+}
+
+#[test]
+fn t14_on_the_heave_surface_the_error_obeys_its_characteristic_polynomial() {
+    // (1 + 2 Tf) z'' + (2 + Tf) z' + z = 0 from z = 1: under-damped for 0 < Tf < 4, a double pole at −1 for Tf → 0.
+    for tf in [0.1, 0.3, 1.0] {
+        let h_s = 1e-4;
+        let mut surface = Surface::new(&lead(tf));
+        // The filter starts at the first velocity error: no acceleration yet, so σ = z + 2w = 0 gives w = −½.
+        let mut z = 1.0;
+        let mut w = -0.5;
+        surface.step(&errors([0.0, 0.0, z, 0.0], w, 0.0), h_s);
+        let a = (2.0 + tf) / (2.0 * (1.0 + 2.0 * tf));
+        let b = (1.0 / (1.0 + 2.0 * tf) - a * a).sqrt();
+        assert!(b > 0.0, "a pair of complex poles");
+        let exact = |t: f64| (-a * t).exp() * ((b * t).cos() + (a - 0.5) / b * (b * t).sin());
+        let mut worst: f64 = 0.0;
+        for k in 1..=80_000 {
+            // Heun's rule for z' = w.
+            let ahead = heave_rate_on_the_surface(&surface, z + h_s * w, h_s);
+            z += 0.5 * h_s * (w + ahead);
+            w = heave_rate_on_the_surface(&surface, z, h_s);
+            let sigma = surface.step(&errors([0.0, 0.0, z, 0.0], w, 0.0), h_s);
+            assert!(sigma[2].abs() < 1e-9, "on the surface");
+            worst = worst.max((z - exact(f64::from(k) * h_s)).abs());
+        }
+        println!("T14 Tf = {tf}: largest distance from the analytic solution over 8 s: {worst:.1e} m");
+        assert!(worst < 2e-4, "Tf = {tf}: {worst}");
+        assert!(z.abs() < 0.05, "and it converges: {z}");
+    }
+}
+
+#[test]
+fn t14_on_the_surge_surface_the_time_constant_is_one_second_and_tf() {
+    let (tf, h_s) = (0.3, 1e-4);
+    let mut surface = Surface::new(&lead(tf));
+    surface.step(&errors([1.0 + tf, 1.0 + tf, 0.0, 0.0], 0.0, 0.0), h_s);
+    let mut first = None;
+    let steps = ((1.0 + tf) / h_s).round() as u32;
+    let mut last = Vector4::zeros();
+    for _ in 0..=steps {
+        let sigma = |u: f64| surface.clone().step(&errors([u, u, 0.0, 0.0], 0.0, 0.0), h_s);
+        let (at_0, at_1) = (sigma(0.0), sigma(1.0));
+        let u = Vector4::from_fn(|i, _| if i < 2 { -at_0[i] / (at_1[i] - at_0[i]) } else { 0.0 });
+        let on = surface.step(&errors([u[0], u[1], 0.0, 0.0], 0.0, 0.0), h_s);
+        assert!(on.amax() < 1e-12);
+        first.get_or_insert(u);
+        last = u;
+    }
+    let share = last.component_div(&first.expect("at least one step"));
+    for axis in 0..2 {
+        assert!((share[axis] - (-1.0f64).exp()).abs() < 1e-3, "axis {axis}: {}", share[axis]);
+    }
+}
+
+#[test]
+fn a_very_slow_lead_filter_is_the_acceleration_free_surface() {
+    let free = SurfaceConfig::AccelerationFree { heave_rate_weight: 2.0.try_into().expect("positive") };
+    let (mut slow, mut free) = (Surface::new(&lead(1e9)), Surface::new(&free));
+    let mut draw = Stream::new(14, "surface");
+    for _ in 0..2000 {
+        let error = random_errors(&mut draw);
+        let difference = slow.step(&error, H_S) - free.step(&error, H_S);
+        assert!(difference.amax() < 2e-9, "{difference}");
+    }
+    let (g_slow, g_free) = (slow.control_gain(&nominal()), free.control_gain(&nominal()));
+    assert!((g_slow.expect("degree 1") - g_free.expect("degree 1")).amax() < 1e-9);
+}
+
+#[test]
+fn a_very_fast_lead_filter_is_the_papers_surface() {
+    // σ → ũ + ũ' for smooth errors and h ≪ Tf ≪ 1 s; the lag of the filtered derivative is Tf.
+    let (tf, h_s) = (0.01, 1e-4);
+    let mut surface = Surface::new(&lead(tf));
+    for k in 0..100_000 {
+        let t = f64::from(k) * h_s;
+        let sigma = surface.step(&errors([t.sin(), t.cos(), t.sin(), 0.3], t.cos(), 0.1), h_s);
+        if t > 0.2 {
+            assert!((sigma[0] - (t.sin() + t.cos())).abs() < 1.2 * tf);
+            assert!((sigma[1] - (t.cos() - t.sin())).abs() < 1.2 * tf);
+            assert!((sigma[2] - (t.sin() + 2.0 * t.cos() - t.sin())).abs() < 1.2 * tf);
+            assert!((sigma[3] - 0.4).abs() < 1e-15);
+        }
+    }
+}
+
+#[test]
+fn the_control_gain_is_the_slope_of_sigma_over_a_velocity_impulse() {
+    let free = SurfaceConfig::AccelerationFree { heave_rate_weight: 1.0.try_into().expect("positive") };
+    let printed = |tf: f64| {
+        let lead = 1.0 / tf;
+        [(1.0 + lead) / 150.0, (1.0 + lead) / 175.0, (2.0 + lead) / 200.0, 1.0 / 14.0]
+    };
+    let cases = [
+        (lead(0.3), printed(0.3)),
+        (lead(1.7), printed(1.7)),
+        (free, [1.0 / 150.0, 1.0 / 175.0, 1.0 / 200.0, 1.0 / 14.0]),
+    ];
+    for (config, expected) in cases {
+        let mut surface = Surface::new(&config);
+        let mut draw = Stream::new(5, "warm up");
+        for _ in 0..50 {
+            surface.step(&random_errors(&mut draw), H_S);
+        }
+        let gain = surface.control_gain(&nominal()).expect("relative degree 1");
+        let rest = [0.1, -0.2, 0.3, -0.4];
+        let at = |delta: Vector4<f64>| {
+            let x1 = [rest[0] + delta[0], rest[1] + delta[1], rest[2], rest[3]];
+            surface.clone().step(&errors(x1, 0.05 + delta[2], -0.03 + delta[3]), H_S)
+        };
+        let base = at(Vector4::zeros());
+        for i in 0..4 {
+            // A force F over dt changes the velocity by F dt/m: σ changes by G F dt.
+            let mut impulse = Vector4::zeros();
+            impulse[i] = 1e-3 * nominal().M_inv()[i];
+            let slope = (at(impulse) - base) / 1e-3;
+            assert!((slope[i] / gain[i] - 1.0).abs() < 1e-8, "axis {i}: {} against {}", slope[i], gain[i]);
+            assert!((gain[i] / expected[i] - 1.0).abs() < 1e-14, "axis {i}: {} against {}", gain[i], expected[i]);
+            for j in (0..4).filter(|j| *j != i) {
+                assert!(slope[j].abs() < 1e-12, "axes do not mix");
+            }
+        }
+    }
+}
+
+#[test]
+fn the_literal_surface_has_no_control_gain_and_no_implicit_form() {
+    assert_eq!(Surface::new(&SurfaceConfig::ModelAcceleration).control_gain(&nominal()), None);
+    for name in ["agsta-implicit", "gsta-implicit"] {
+        let arm = name.trim_end_matches("-implicit");
+        let config = law_config_with(name, &["law", arm, "surface"], "model_acceleration");
+        let refusal = config.build(&nominal()).expect_err("relative degree 0");
+        assert_eq!(
+            refusal,
+            "law.discretisation = \"implicit\": must be \"explicit\" with surface = \"model_acceleration\", \
+             which has relative degree 0"
+        );
+    }
+}
+
+#[test]
+fn the_literal_surface_takes_the_models_acceleration() {
+    let mut surface = Surface::new(&SurfaceConfig::ModelAcceleration);
+    let mut error = errors([0.1, 0.2, 0.3, 0.4], 0.05, 0.06);
+    error.model_acceleration = Vector4::new(1.0, 2.0, 3.0, 4.0);
+    let expected = Vector4::new(0.1 + 1.0, 0.2 + 2.0, 0.3 + 2.0 * 0.05 + 3.0, 0.4 + 0.06);
+    assert!((surface.step(&error, H_S) - expected).amax() < 1e-15);
+}
+
+// ----------------------------------------------------------------------------------------------------- the hand-over
+
+#[test]
+fn every_law_of_every_file_takes_over_without_a_jump() {
+    let mut draw = Stream::new(8, "hand-over");
+    for name in FILES {
+        for warm_up in [0, 1, 200] {
+            for limited in [[false; 4], [true, false, true, false]] {
+                let mut law = law(name);
+                for _ in 0..warm_up {
+                    let error = random_errors(&mut draw);
+                    law.step(&input(&error));
+                }
+                let (error, applied) = (random_errors(&mut draw), random_wrench(&mut draw));
+                let now = LawInput { limited, ..input(&error) };
+                law.start_from(&now, &applied);
+                let jump = (law.step(&now) - applied).amax();
+                assert!(jump < 1e-9, "{name} after {warm_up} steps: {jump}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_pid_axis_without_integral_gain_can_only_start_from_its_own_force() {
+    let config = law_config_with("pid", &["law", "pid", "ki"], axes([5.0, 0.0, 1.0, 0.5]));
+    let mut law = config.build(&nominal()).expect("legal");
+    let error = errors([0.1, 0.1, 0.1, 0.1], 0.0, 0.0);
+    let applied = Vector4::new(10.0, 20.0, 30.0, 4.0);
+    law.start_from(&input(&error), &applied);
+    let wrench = law.step(&input(&error));
+    assert!((wrench[1] + 200.0 * 0.1).abs() < 1e-12, "sway: −kp e");
+    for i in [0, 2, 3] {
+        assert!((wrench[i] - applied[i]).abs() < 1e-9);
+    }
+}
+
+// ---------------------------------------------------------------------------------------------------------- external
+
+#[test]
+fn axes_that_are_asked_for_are_the_request_and_the_others_are_the_substitute() {
+    let mut external = law("external");
+    let mut alone = law("pid-tuned");
+    let request = WrenchRequest { surge_n: Some(12.5), yaw_nm: Some(-3.25), ..WrenchRequest::default() };
+    let mut draw = Stream::new(9, "external");
+    for _ in 0..300 {
+        let error = random_errors(&mut draw);
+        let tau = external.step(&LawInput { request: Some(&request), ..input(&error) });
+        let own = alone.step(&input(&error));
+        assert_eq!([tau[0], tau[3]], [12.5, -3.25]);
+        assert_eq!([tau[1].to_bits(), tau[2].to_bits()], [own[1].to_bits(), own[2].to_bits()]);
+    }
+    let outside = Snapshot::of(&external);
+    assert_eq!(outside.get("controller/external"), Some(&[1.0, 0.0, 0.0, 1.0][..]));
+}
+
+#[test]
+fn without_a_request_the_substitute_steers() {
+    let (mut external, mut alone) = (law("external"), law("pid-tuned"));
+    let mut draw = Stream::new(10, "external");
+    for _ in 0..300 {
+        let error = random_errors(&mut draw);
+        assert_eq!(external.step(&input(&error)), alone.step(&input(&error)));
+    }
+}
+
+#[test]
+fn an_axis_that_comes_back_to_the_substitute_continues_from_the_last_wrench() {
+    let mut external = law("external");
+    let request = WrenchRequest { surge_n: Some(40.0), heave_n: Some(-25.0), ..WrenchRequest::default() };
+    let partly = WrenchRequest { heave_n: Some(-25.0), ..WrenchRequest::default() };
+    let error = errors([0.05, -0.03, 0.1, 0.02], 0.01, 0.0);
+    let mut last = Vector4::zeros();
+    for _ in 0..500 {
+        last = external.step(&LawInput { request: Some(&request), ..input(&error) });
+    }
+    // One axis comes back, then the request goes stale altogether.
+    for request in [Some(&partly), None] {
+        let now = external.step(&LawInput { request, ..input(&error) });
+        assert!((now - last).amax() < 1e-9, "{now} after {last}");
+        for _ in 0..10 {
+            last = external.step(&LawInput { request, ..input(&error) });
+        }
+    }
+    // From here on the substitute's integral moves the wrench: no axis is stuck.
+    let own = external.step(&input(&error));
+    assert!((0..4).all(|i| own[i] != last[i]), "{own} after {last}");
+}
+
+#[test]
+fn a_number_that_is_none_in_a_request_leaves_the_axis_to_the_substitute() {
+    let (mut external, mut clean) = (law("external"), law("external"));
+    let bad = WrenchRequest {
+        surge_n: Some(f64::NAN),
+        sway_n: Some(f64::INFINITY),
+        heave_n: Some(f64::NEG_INFINITY),
+        yaw_nm: Some(2.0),
+    };
+    let good = WrenchRequest { yaw_nm: Some(2.0), ..WrenchRequest::default() };
+    let mut draw = Stream::new(11, "external");
+    for _ in 0..100 {
+        let error = random_errors(&mut draw);
+        let a = external.step(&LawInput { request: Some(&bad), ..input(&error) });
+        let b = clean.step(&LawInput { request: Some(&good), ..input(&error) });
+        assert_eq!(a, b);
+        assert!(a.iter().all(|force| force.is_finite()));
+    }
+}
+
+#[test]
+fn external_cannot_be_its_own_substitute() {
+    let mut inner = common::file("controllers/external");
+    let own = inner["law"].clone();
+    inner["law"]["external"]["substitute"] = own;
+    let config: supertwin_gnc::ControllerConfig = inner.try_into().expect("parses");
+    let refusal = config.law.build(&nominal()).expect_err("a law of its own");
+    assert_eq!(refusal, "law.external.substitute = external: must be a law of the vehicle's own");
+}
+
+// --------------------------------------------------------------------------------------------------------------- PID
+
+#[test]
+fn pid_equals_a_computation_by_hand() {
+    let mut law = law("pid-tuned");
+    let (kp, ki, kd) = ([300.0, 300.0, 250.0, 40.0], [60.0, 60.0, 25.0, 12.0], [0.0, 0.0, 120.0, 20.0]);
+    let mut integral = [0.0; 4];
+    let mut draw = Stream::new(12, "pid");
+    for _ in 0..200 {
+        let error = random_errors(&mut draw);
+        let tau = law.step(&input(&error));
+        for i in 0..4 {
+            integral[i] += H_S * error.x1[i];
+            let by_hand = -kp[i] * error.x1[i] - ki[i] * integral[i] - kd[i] * error.velocity[i];
+            assert!((tau[i] - by_hand).abs() < 1e-10, "axis {i}: {} against {by_hand}", tau[i]);
+        }
+    }
+}
+
+#[test]
+fn pid_differentiates_surge_and_sway_through_its_filter() {
+    let mut table = common::file("controllers/pid");
+    table["law"]["pid"]["kd"] = axes([30.0, 20.0, 0.0, 0.0]).into();
+    let config: supertwin_gnc::ControllerConfig = table.try_into().expect("parses");
+    let mut law = config.law.build(&nominal()).expect("legal");
+    // A ramp of 0.1 m/s²: after many time constants of 0.3 s the filtered derivative is exactly the slope.
+    let mut tau = Vector4::zeros();
+    let n = 1000;
+    for k in 0..n {
+        let e = 0.1 * f64::from(k) * H_S;
+        tau = law.step(&input(&errors([e, -e, 0.0, 0.0], 0.0, 0.0)));
+    }
+    let e = 0.1 * f64::from(n - 1) * H_S;
+    let integral = (0..n).map(|k| 0.1 * f64::from(k) * H_S * H_S).sum::<f64>();
+    // (y − ξ)/Tf of the exact discretisation: slope · h/(Tf (1 − e^{−h/Tf})).
+    let slope = 0.1 * H_S / (0.3 * (1.0 - (-H_S / 0.3f64).exp()));
+    assert!((tau[0] + 200.0 * e + 5.0 * integral + 30.0 * slope).abs() < 1e-9, "{}", tau[0]);
+    assert!((tau[1] - 200.0 * e - 5.0 * integral - 20.0 * slope).abs() < 1e-9, "{}", tau[1]);
+}
+
+#[test]
+fn a_limited_axis_stops_the_pid_integral_unless_anti_windup_is_off() {
+    let error = errors([0.1; 4], 0.0, 0.0);
+    let limited = [true, false, true, false];
+    for (anti_windup, waits) in [("freeze", true), ("none", false)] {
+        let config = law_config_with("pid", &["law", "pid", "anti_windup"], anti_windup);
+        let mut law = config.build(&nominal()).expect("legal");
+        for _ in 0..50 {
+            law.step(&LawInput { limited, ..input(&error) });
+        }
+        let shown = Snapshot::of(&law);
+        let integral = shown.get("controller/integral").expect("shown");
+        for i in 0..4 {
+            let expected = if waits && limited[i] { 0.0 } else { 50.0 * H_S * 0.1 };
+            assert!((integral[i] - expected).abs() < 1e-12, "{anti_windup}, axis {i}: {}", integral[i]);
+        }
+    }
+}
+
+// ------------------------------------------------------------------------------------------------------------- errors
+
+#[test]
+fn tracking_errors_are_those_of_eq_4_with_the_heading_wrapped() {
+    use supertwin_core::message::{Nav, Reference};
+    let nav = Nav {
+        depth_m: 3.0,
+        heading_rad: -3.1,
+        velocity: [0.3, -0.1, 0.05, 0.02].into(),
+        acceleration: [1.0, 2.0, 3.0, 4.0].into(),
+        ..Nav::default()
+    };
+    let reference = Reference {
+        surge_m_per_s: 0.1,
+        surge_m_per_s2: 0.01,
+        sway_m_per_s: 0.2,
+        sway_m_per_s2: 0.02,
+        depth_m: 2.5,
+        depth_m_per_s: 0.04,
+        depth_m_per_s2: 0.03,
+        heading_rad: 3.1,
+        heading_rad_per_s: -0.01,
+        heading_rad_per_s2: 0.05,
+        ..Reference::default()
+    };
+    let error = TrackingError::new(&nav, &reference);
+    let turn = core::f64::consts::TAU - 6.2;
+    assert!((error.x1 - Vector4::new(0.2, -0.3, 0.5, turn)).amax() < 1e-12, "{}", error.x1);
+    assert!((error.velocity - Vector4::new(0.2, -0.3, 0.01, 0.03)).amax() < 1e-12);
+    assert!((error.model_acceleration - Vector4::new(0.99, 1.98, 2.97, 3.95)).amax() < 1e-12);
+}

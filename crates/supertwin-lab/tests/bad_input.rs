@@ -1,0 +1,171 @@
+//! Bad configuration: each an error that names file, place, value and rule.
+
+mod common;
+
+use std::fs;
+use std::path::Path;
+use supertwin_lab::{Library, trial};
+
+fn copy(from: &Path, to: &Path) {
+    fs::create_dir_all(to).expect("a folder");
+    for entry in fs::read_dir(from).expect("a folder").flatten() {
+        let (path, target) = (entry.path(), to.join(entry.file_name()));
+        if path.is_dir() {
+            copy(&path, &target);
+        } else {
+            fs::copy(&path, &target).expect("copied");
+        }
+    }
+}
+
+/// The error that a changed line of a copied configuration causes.
+fn broken(file: &str, was: &str, is: &str) -> String {
+    let folder = tempfile::tempdir().expect("a folder");
+    copy(Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../config")), folder.path());
+    let path = folder.path().join(file);
+    let text = fs::read_to_string(&path).expect("a shipped file");
+    assert!(text.contains(was), "{file} does not contain {was}");
+    fs::write(&path, text.replacen(was, is, 1)).expect("written");
+    let error = trial::load(&Library::new(folder.path(), Vec::new()), "paper-agsta").expect_err("must be refused");
+    error.to_string().replace(&folder.path().display().to_string(), "CONFIG")
+}
+
+#[test]
+fn each_kind_of_bad_input_is_named() {
+    let cases = [
+        (
+            "vehicles/argus-mini.toml",
+            "mass_kg = 90.0",
+            "mass_kg = -90.0",
+            "argus-mini.toml:14:11: true.rigid_body.mass_kg: -90: must be positive and finite",
+        ),
+        (
+            "vehicles/argus-mini.toml",
+            "mass_kg = 90.0",
+            "mass_kg = nan",
+            "true.rigid_body.mass_kg: NaN: must be positive and finite",
+        ),
+        (
+            "vehicles/argus-mini.toml",
+            "mass_kg = 90.0",
+            "mass_kg = inf",
+            "true.rigid_body.mass_kg: inf: must be positive",
+        ),
+        (
+            "vehicles/argus-mini.toml",
+            "mass_kg = 90.0",
+            "mass_kg = \"heavy\"",
+            "true.rigid_body.mass_kg: invalid type: string \"heavy\"",
+        ),
+        ("vehicles/argus-mini.toml", "mass_kg = 90.0", "mas_kg = 90.0", "unknown field `mas_kg`"),
+        ("vehicles/argus-mini.toml", "mass_kg = 90.0\n", "", "missing field `mass_kg`"),
+        (
+            "vehicles/argus-mini.toml",
+            "direction = [1.0, -1.0, 0.0]",
+            "direction = [0.0, 0.0, 0.0]",
+            "thruster[1].direction = [0, 0, 0]: must not be zero",
+        ),
+        (
+            "environments/rataren.toml",
+            "significant_height_m = 0.6",
+            "significant_height_m = -0.6",
+            "waves.significant_height_m: -0.6: must be zero or positive",
+        ),
+        ("environments/rataren.toml", "direction_rad = [-3.14", "direction_rad = [7.0, -3.14", "direction_rad"),
+        ("controllers/agsta.toml", "[law.agsta]", "[law.agtsa]", "agsta.toml:6:2: law: wanted exactly 1 element"),
+        (
+            "controllers/agsta.toml",
+            "discretisation = \"explicit\"",
+            "discretisation = \"implict\"",
+            "did you mean `implicit`?",
+        ),
+        (
+            "trials/paper-agsta.toml",
+            "vehicle = \"argus-mini\"",
+            "vehicle = \"argus-mni\"",
+            "did you mean `argus-mini`?",
+        ),
+        (
+            "trials/paper-agsta.toml",
+            "command.guidance.depth_m = 3.5",
+            "command.guidance.depth_m = 35",
+            "mission at 0.00 s: depth_m = 35: must lie between 0 and 14",
+        ),
+        (
+            "trials/paper-agsta.toml",
+            "command.guidance.depth_m = 3.5",
+            "command.guidance.depht_m = 3.5",
+            "did you mean `depth_m`?",
+        ),
+        (
+            "trials/paper-agsta.toml",
+            "from_s = 17.0",
+            "from_s = 170.0",
+            "score.from_s = 170: must be less than duration_s = 120",
+        ),
+        ("trials/paper-agsta.toml", "substeps = 2", "substeps = 0", "substeps = 0: must be between 1 and 1000"),
+        (
+            "trials/paper-agsta.toml",
+            "controllers = [\"agsta\"]",
+            "controllers = []",
+            "must name at least one controller",
+        ),
+        ("trials/paper-agsta.toml", "seed = 1", "seed = -1", "seed: invalid value: integer `-1`"),
+        ("trials/paper-agsta.toml", "duration_s = 120.0", "duration_s = ", "paper-agsta.toml:"),
+    ];
+    for (file, was, is, expected) in cases {
+        let error = broken(file, was, is);
+        assert!(error.contains(expected), "{is}:\n  got      {error}\n  expected {expected}");
+        assert!(error.contains(".toml") || error.contains("argus"), "names its file: {error}");
+    }
+}
+
+#[test]
+fn too_many_and_too_few_thrusters_are_refused() {
+    let extra = "[[thruster]]\nname = \"x\"\nposition_m = [0.0, 0.0, 0.0]\ndirection = [1.0, 0.0, 0.0]\nmax_n = 1.0\ngroup = \"horizontal\"\n";
+    let nine = broken("vehicles/argus-mini.toml", "[[thruster]]", &format!("{}[[thruster]]", extra.repeat(3)));
+    assert!(nine.contains("9 thrusters given, must be 1 to 8"), "{nine}");
+    let folder = tempfile::tempdir().expect("a folder");
+    copy(Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../config")), folder.path());
+    let path = folder.path().join("vehicles/argus-mini.toml");
+    let text = fs::read_to_string(&path).expect("a shipped file");
+    // Only the horizontal four are left: nothing makes heave.
+    let four = text.split("[[thruster]]").take(5).collect::<Vec<_>>().join("[[thruster]]");
+    fs::write(&path, four).expect("written");
+    let error = trial::load(&Library::new(folder.path(), Vec::new()), "paper-agsta").expect_err("no heave").to_string();
+    assert!(error.contains("the 4 thrusters can't make every wrench"), "{error}");
+}
+
+#[test]
+fn unknown_trials_and_overrides_are_refused_with_what_there_is() {
+    let unknown = trial::load(&common::library(&[]), "paper-agst").expect_err("unknown").to_string();
+    assert!(unknown.contains("no such trial") && unknown.contains("did you mean `paper-agsta`?"), "{unknown}");
+    let set = |text: &str| trial::load(&common::library(&[text]), "paper-agsta").expect_err(text).to_string();
+    let negative = set("vehicle.true.rigid_body.mass_kg=-5");
+    assert!(
+        negative.starts_with("--set vehicle.true.rigid_body.mass_kg=-5: ") && negative.contains("must be positive"),
+        "{negative}"
+    );
+    let nowhere = set("environment.wave.significant_height_m=0.3");
+    assert!(nowhere.contains("`wave` is not there; did you mean `waves`?"), "{nowhere}");
+    let unknown = set("environment.waves.height_m=0.3");
+    assert!(unknown.contains("unknown field `height_m`"), "{unknown}");
+    let kind = set("trial.duration_s=long");
+    assert!(kind.contains("trial.duration_s=long") && kind.contains("invalid type: string \"long\""), "{kind}");
+}
+
+#[test]
+fn every_shipped_trial_is_legal() {
+    let library = common::library(&[]);
+    let names = library.names("trials");
+    assert!(names.len() >= 10);
+    for name in names {
+        let trials = trial::load(&library, &name).unwrap_or_else(|error| panic!("{error}"));
+        assert!(!trials.is_empty(), "{name}");
+    }
+    // Files that no trial names must still be read by one.
+    for controller in library.names("controllers") {
+        let set = format!("trial.controllers=[\"{controller}\"]");
+        assert!(trial::load(&common::library(&[&set]), "fair").is_ok(), "{controller}");
+    }
+}

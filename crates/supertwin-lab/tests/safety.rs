@@ -1,0 +1,139 @@
+//! Stale inputs, cut wires, silent sensors, hand-overs: the vehicle stays bounded and goes on by itself (T13).
+
+mod common;
+
+use common::{Listener, load, outcome};
+use supertwin_core::run::{Properties, Severity};
+use supertwin_lab::{ResolvedTrial, run};
+
+fn heard(trial: &ResolvedTrial, path: &'static str) -> Listener {
+    let mut listener = Listener::to(path);
+    run(trial, 1, &mut listener, Some(&Properties::new()), |_| true).expect("runs without NaN");
+    listener
+}
+
+fn between(listener: &Listener, from_s: f64, to_s: f64) -> Vec<&[f64]> {
+    let inside = |k: u64| (from_s..to_s).contains(&(k as f64 * 0.02));
+    listener.rows.iter().filter(|(k, _)| inside(*k)).map(|(_, row)| row.as_slice()).collect()
+}
+
+#[test]
+fn a_cut_reference_makes_the_vehicle_brake_and_hold_and_it_resumes_by_itself() {
+    let trial = load("tether-cut", &[]);
+    let velocity = heard(&trial, "tracking/sway");
+    // Cut from 40 to 50 s while travelling at 0.2 m/s: braked two seconds after the half second of patience.
+    let before = between(&velocity, 35.0, 40.0);
+    assert!(before.iter().all(|row| (row[0] - 0.2).abs() < 0.15), "travels before the cut");
+    // Waves still move it to and fro by a decimetre per second; it travels no more.
+    let during = between(&velocity, 44.0, 50.0);
+    let mean = during.iter().map(|row| row[2]).sum::<f64>() / during.len() as f64;
+    assert!(mean.abs() < 0.03, "mean true sway {mean} m/s during the cut");
+    assert!(during.iter().all(|row| row[2].abs() < 0.2), "and never at its former speed");
+    let resumed = between(&velocity, 54.0, 60.0);
+    let mean = resumed.iter().map(|row| row[0]).sum::<f64>() / resumed.len() as f64;
+    assert!((mean - 0.2).abs() < 0.05, "travels again after the cut: {mean}");
+    let depth = heard(&trial, "plant/truth/pose");
+    for row in between(&depth, 40.0, 52.0) {
+        assert!((row[2] - 4.0).abs() < 0.4, "depth {} during the cut", row[2]);
+    }
+    let texts: Vec<&str> = depth.events.iter().map(|event| &*event.text).collect();
+    let fallback = depth.events.iter().find(|event| event.text == "fallback").expect("an event says so");
+    assert_eq!((fallback.service.as_ref(), fallback.severity), ("controller", Severity::Warning));
+    assert!((fallback.tick as f64 * 0.02 - 40.5).abs() < 0.1, "after its half second: tick {}", fallback.tick);
+    assert!(texts.iter().filter(|text| **text == "tracking").count() >= 2, "and again when it is over: {texts:?}");
+}
+
+#[test]
+fn t13_a_dvl_silent_for_five_seconds_makes_no_nan_and_keeps_the_wrench_bounded() {
+    let trial = load("tether-cut", &[]);
+    let requested = heard(&trial, "controller/thrust/requested");
+    for row in between(&requested, 70.0, 80.0) {
+        assert!(row.iter().all(|force| force.is_finite() && force.abs() < 300.0), "{row:?}");
+    }
+    let health = heard(&trial, "estimator/nav/health");
+    let silent = between(&health, 71.5, 75.0);
+    assert!(silent.iter().all(|row| row[1] == 1.0), "health must say dead reckoning");
+    assert!(between(&health, 76.0, 80.0).iter().all(|row| row[1] == 0.0), "and recover");
+    let variance = heard(&trial, "estimator/nav/variance");
+    let (start, end) = (between(&variance, 70.3, 70.4)[0][2], between(&variance, 74.9, 75.0)[0][2]);
+    assert!(end > 5.0 * start, "the variance of surge must grow: {start} to {end}");
+    for name in ["paper-gsta", "paper-agsta", "paper-pid"] {
+        let mut silenced = load(name, &[]);
+        let step = trial.trial.mission.iter().find(|step| step.at_s.get() == 70.0).expect("the fault").clone();
+        silenced.trial.mission.push(step);
+        let scores = outcome(&silenced, 1).scores;
+        assert!(
+            scores.requested_max.to_array().iter().all(|force| *force < 400.0),
+            "{name}: {:?}",
+            scores.requested_max
+        );
+        assert!(scores.true_max.distance_m < 3.0, "{name}: {:?}", scores.true_max);
+    }
+}
+
+fn with_cut(wire: &str, for_s: f64) -> ResolvedTrial {
+    let mut trial = load("fair", &["trial.controllers=[\"gsta-tuned\"]", "trial.duration_s=60.0"]);
+    let text = format!("at_s = 40.0\ncommand.link.withhold = {{ wire = \"{wire}\", for_s = {for_s:?} }}");
+    trial.trial.mission.push(toml::from_str(&text).expect("a legal step"));
+    trial
+}
+
+#[test]
+fn every_wire_can_be_cut_for_three_seconds_and_the_run_stays_bounded() {
+    for wire in ["measurements", "nav", "reference", "thrust"] {
+        let trial = with_cut(wire, 3.0);
+        let pose = heard(&trial, "plant/truth/pose");
+        let lost = heard(&trial, "link/withheld").rows.last().expect("rows").1.clone();
+        assert_eq!(lost.iter().sum::<f64>(), 150.0, "{wire}: three seconds of messages are counted as lost");
+        for row in between(&pose, 40.0, 60.0) {
+            assert!((row[2] - 4.0).abs() < 0.8, "{wire}: depth {}", row[2]);
+        }
+        let distance = heard(&trial, "tracking/distance");
+        for row in between(&distance, 40.0, 60.0) {
+            assert!((1.0..6.0).contains(&row[2]), "{wire}: true distance {}", row[2]);
+        }
+        assert!(between(&distance, 55.0, 60.0).iter().all(|row| (row[2] - 3.0).abs() < 1.2), "{wire}: recovered");
+    }
+}
+
+#[test]
+fn without_navigation_the_thrusters_are_neutral() {
+    let trial = with_cut("nav", 3.0);
+    let force = heard(&trial, "controller/thrust/force");
+    for row in between(&force, 40.6, 43.0) {
+        assert!(row.iter().all(|force| *force == 0.0), "{row:?}");
+    }
+    assert!(between(&force, 43.2, 45.0).iter().any(|row| row.iter().any(|force| *force != 0.0)));
+}
+
+#[test]
+fn a_lost_thrust_wire_stops_the_propellers_and_the_estimator_knows() {
+    let trial = with_cut("thrust", 3.0);
+    let made = heard(&trial, "plant/truth/wrench");
+    for row in between(&made, 42.0, 43.0) {
+        assert!(row.iter().all(|force| force.abs() < 0.5), "{row:?}");
+    }
+    let health = heard(&trial, "estimator/nav/health");
+    assert!(between(&health, 40.6, 43.0).iter().all(|row| row[4] == 1.0), "thrust_unknown");
+}
+
+#[test]
+fn handing_over_to_another_law_does_not_jump() {
+    let trial = load("hand-over", &[]);
+    let requested = heard(&trial, "controller/thrust/requested");
+    let steps = |from_s: f64, to_s: f64| {
+        let rows = between(&requested, from_s, to_s);
+        let jumps = rows.windows(2).map(|pair| (0..3).map(|i| (pair[1][i] - pair[0][i]).abs()).fold(0.0, f64::max));
+        jumps.fold(0.0, f64::max)
+    };
+    // The hand-over is at 50 s; PID alone moves the wrench by this much from tick to tick elsewhere.
+    let usual = steps(45.0, 49.99);
+    let hand_over = steps(49.97, 50.03);
+    assert!(hand_over <= usual.max(8.0), "hand-over {hand_over} N, usual {usual} N");
+    let sway = heard(&trial, "tracking/sway");
+    let error = |from_s, to_s| {
+        let rows = between(&sway, from_s, to_s);
+        rows.iter().map(|row| (row[0] - row[1]).abs()).sum::<f64>() / rows.len() as f64
+    };
+    assert!(error(55.0, 70.0) < 0.7 * error(35.0, 50.0), "and the better law takes effect");
+}

@@ -1,0 +1,223 @@
+//! The rules of the house, as tests: arrows between crates, clocks, platform mathematics, module headings, the top level.
+#![allow(clippy::unwrap_used, reason = "a broken house may panic")]
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use toml::Table;
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").canonicalize().unwrap()
+}
+
+fn crates() -> BTreeMap<String, Table> {
+    fs::read_dir(root().join("crates"))
+        .unwrap()
+        .map(|entry| {
+            let entry = entry.unwrap();
+            let manifest = fs::read_to_string(entry.path().join("Cargo.toml")).unwrap().parse().unwrap();
+            (entry.file_name().into_string().unwrap(), manifest)
+        })
+        .collect()
+}
+
+fn dependencies(manifest: &Table, section: &str) -> Vec<String> {
+    manifest
+        .get(section)
+        .and_then(|table| table.as_table())
+        .map_or_else(Vec::new, |table| table.keys().cloned().collect())
+}
+
+/// Rust files below a folder, without build output.
+fn sources(folder: &Path) -> Vec<PathBuf> {
+    let mut found = Vec::new();
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+        let path = entry.path();
+        if path.is_dir() && path.file_name().is_some_and(|name| name != "target") {
+            found.extend(sources(&path));
+        } else if path.extension().is_some_and(|extension| extension == "rs") {
+            found.push(path);
+        }
+    }
+    found.sort();
+    found
+}
+
+#[test]
+fn crates_depend_on_each_other_only_along_the_arrows_of_the_design() {
+    let allowed: BTreeMap<&str, &[&str]> = BTreeMap::from([
+        ("supertwin-core", &[][..]),
+        ("supertwin-model", &["supertwin-core"][..]),
+        ("supertwin-plant", &["supertwin-core", "supertwin-model"][..]),
+        ("supertwin-gnc", &["supertwin-core", "supertwin-model"][..]),
+        ("supertwin-lab", &["supertwin-core", "supertwin-model", "supertwin-plant", "supertwin-gnc"][..]),
+        ("supertwin-rerun", &["supertwin-core"][..]),
+        ("supertwin-zenoh", &["supertwin-core"][..]),
+        ("supertwin", &["supertwin-core", "supertwin-lab", "supertwin-rerun", "supertwin-zenoh"][..]),
+    ]);
+    for (name, manifest) in crates() {
+        assert_eq!(manifest["package"]["name"].as_str(), Some(name.as_str()), "folder name = crate name");
+        let allowed = allowed.get(name.as_str()).unwrap_or_else(|| panic!("{name} is not in the design"));
+        for section in ["dependencies", "dev-dependencies", "build-dependencies"] {
+            for dependency in dependencies(&manifest, section) {
+                let ours = dependency.starts_with("supertwin");
+                assert!(
+                    !ours || allowed.contains(&dependency.as_str()),
+                    "{name} may not name {dependency} ({section})"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn each_outside_world_stands_in_one_manifest() {
+    for (outside, home) in [
+        ("zenoh", "supertwin-zenoh"),
+        ("zenoh-ext", "supertwin-zenoh"),
+        ("rerun", "supertwin-rerun"),
+        ("clap", "supertwin"),
+        ("indicatif", "supertwin"),
+    ] {
+        for (name, manifest) in crates() {
+            let names_it = dependencies(&manifest, "dependencies").iter().any(|dependency| dependency == outside);
+            assert!(!names_it || name == home, "{outside} belongs to {home}, not to {name}");
+        }
+    }
+}
+
+#[test]
+fn every_dependency_says_why_it_is_there() {
+    let manifest = fs::read_to_string(root().join("Cargo.toml")).unwrap();
+    let (_, section) = manifest.split_once("[workspace.dependencies]\n").unwrap();
+    let section = section.split("\n[").next().unwrap();
+    let mut before = "";
+    let mut seen = 0;
+    for line in section.lines() {
+        if line.contains(" = ") && !line.starts_with("supertwin") {
+            seen += 1;
+            assert!(before.starts_with('#'), "no reason above: {line}");
+        }
+        before = line;
+    }
+    assert!(seen > 10, "the section was not found");
+}
+
+#[test]
+fn the_numerical_crates_read_no_clock_and_use_no_platform_mathematics() {
+    const FORBIDDEN: [&str; 24] = [
+        ".sin()",
+        ".cos()",
+        ".tan()",
+        ".sin_cos()",
+        ".asin()",
+        ".acos()",
+        ".atan()",
+        ".atan2(",
+        ".exp()",
+        ".exp_m1()",
+        ".ln()",
+        ".log2()",
+        ".log10()",
+        ".powi(",
+        ".powf(",
+        ".hypot(",
+        ".cbrt()",
+        ".tanh()",
+        ".mul_add(",
+        "Instant",
+        "SystemTime",
+        "HashMap",
+        "HashSet",
+        "par_iter",
+    ];
+    let mut read = 0;
+    for name in ["supertwin-core", "supertwin-model", "supertwin-plant", "supertwin-gnc", "supertwin-lab"] {
+        for path in sources(&root().join("crates").join(name).join("src")) {
+            let text = fs::read_to_string(&path).unwrap();
+            let code = text.split("#[cfg(test)]").next().unwrap();
+            for (i, line) in code.lines().enumerate() {
+                let line = line.split("//").next().unwrap();
+                for word in FORBIDDEN {
+                    assert!(
+                        !line.contains(word),
+                        "{}:{}: {word} (use libm, a tick, an ordered map)",
+                        path.display(),
+                        i + 1
+                    );
+                }
+            }
+            read += 1;
+        }
+    }
+    assert!(read > 30, "only {read} files were read");
+}
+
+#[test]
+fn every_module_begins_with_what_it_is() {
+    for path in sources(&root().join("crates")).iter().chain(&sources(&root().join("tests"))) {
+        let text = fs::read_to_string(path).unwrap();
+        let heading = text.lines().next().unwrap_or_default();
+        assert!(heading.starts_with("//! ") && heading.len() > 10, "{}: must begin with //!", path.display());
+        assert!(!heading.contains("FIXME") && !heading.contains("TODO"), "{}: unfinished", path.display());
+    }
+}
+
+#[test]
+fn every_test_can_fail() {
+    let mut tests = 0;
+    for path in sources(&root().join("crates")).iter().chain(&sources(&root().join("tests"))) {
+        let text = fs::read_to_string(path).unwrap();
+        // A body ends where a closing brace stands at the attribute's own depth.
+        let lines: Vec<&str> = text.lines().collect();
+        for (i, line) in lines.iter().enumerate().filter(|(_, line)| line.trim() == "#[test]") {
+            let indent = line.len() - line.trim_start().len();
+            let end = format!("{}}}", " ".repeat(indent));
+            let body: Vec<&str> = lines[i..].iter().copied().take_while(|line| *line != end).collect();
+            let body = body.join("\n");
+            let fails = ["assert", "expect", "unwrap", "panic!", "check"].iter().any(|word| body.contains(word));
+            assert!(fails, "{}:{}: a test that can't fail", path.display(), i + 1);
+            assert!(
+                !body.contains(concat!("thread::", "sleep")),
+                "{}:{}: wait for what is needed, not a while",
+                path.display(),
+                i + 1
+            );
+            assert!(!body.contains(concat!("#[", "ignore")), "{}:{}: an ignored test", path.display(), i + 1);
+            tests += 1;
+        }
+    }
+    assert!(tests > 50, "only {tests} tests were found");
+}
+
+#[test]
+fn the_top_level_holds_what_a_reader_expects_and_nothing_else() {
+    const EXPECTED: [&str; 19] = [
+        "Cargo.toml",
+        "Cargo.lock",
+        "crates",
+        "config",
+        "tests",
+        "dashboards",
+        "README.md",
+        "ARCHITECTURE.md",
+        "CHANGELOG.md",
+        "LICENSE-MIT",
+        "LICENSE-APACHE",
+        ".ci",
+        ".git",
+        ".gitignore",
+        "clippy.toml",
+        "rustfmt.toml",
+        "deny.toml",
+        "target",
+        "runs",
+    ];
+    for entry in fs::read_dir(root()).unwrap() {
+        let name = entry.unwrap().file_name().into_string().unwrap();
+        assert!(EXPECTED.contains(&name.as_str()), "{name} does not belong on the top level");
+    }
+    for needed in ["README.md", "ARCHITECTURE.md", "CHANGELOG.md", "LICENSE-MIT", "LICENSE-APACHE", ".ci/run"] {
+        assert!(root().join(needed).is_file(), "{needed} is missing");
+    }
+}
