@@ -154,7 +154,8 @@ fn navigation_that_comes_back_starts_from_the_zero_wrench_that_was_applied() {
         for k in 0..200 {
             applied = Inputs::fresh(&nav, &reference, &applied).step(&mut controller, k);
         }
-        applied = Inputs { nav: Input::Missing, ..Inputs::fresh(&nav, &reference, &applied) }.step(&mut controller, 200);
+        applied =
+            Inputs { nav: Input::Missing, ..Inputs::fresh(&nav, &reference, &applied) }.step(&mut controller, 200);
         let back = Inputs::fresh(&nav, &reference, &applied).step(&mut controller, 201);
         assert!(back.requested.vector().amax() < 1e-9, "{name}: {:?}", back.requested);
     }
@@ -184,7 +185,8 @@ fn without_a_reference_the_vehicle_brakes_within_its_limits_and_holds() {
     let mut applied = Inputs::fresh(&nav, &moving, &Thrust::default()).step(&mut controller, 0);
     // Old but young enough: still followed.
     for k in 1..=LIMIT_TICKS {
-        let held = Inputs { reference: Input::Held { value: &moving, made_at: 0 }, ..Inputs::fresh(&nav, &moving, &applied) };
+        let held =
+            Inputs { reference: Input::Held { value: &moving, made_at: 0 }, ..Inputs::fresh(&nav, &moving, &applied) };
         applied = held.step(&mut controller, k);
         assert_eq!(controller.status(), Status::Tracking);
         assert!((reference_seen(&controller, &nav)[0] - 0.3).abs() < 1e-12);
@@ -248,7 +250,12 @@ impl Vehicle {
         Nav { depth_m: self.depth_m, heading_rad: self.heading_rad, velocity: self.nu.into(), ..Nav::default() }
     }
     /// One tick under a constant disturbance of 10 N in sway and −12 N in heave.
-    fn step(&mut self, controller: &mut Controller, reference: Option<&Reference>, request: Option<&WrenchRequest>) -> Thrust {
+    fn step(
+        &mut self,
+        controller: &mut Controller,
+        reference: Option<&Reference>,
+        request: Option<&WrenchRequest>,
+    ) -> Thrust {
         let (nav, unused) = (self.nav(), Reference::default());
         let inputs = Inputs {
             reference: reference.map_or(Input::Missing, Input::Fresh),
@@ -299,7 +306,8 @@ fn a_link_that_comes_back_while_holding_makes_no_jump() {
 #[test]
 fn a_link_that_comes_back_on_the_move_jumps_by_no_more_than_the_law_answers_to_the_speed() {
     // Cut for 10 s at 0.2 m/s: the vehicle has stopped by itself. The reference that returns asks for 0.2 m/s at once.
-    let follow = Reference { mode: Mode::FollowNet, sway_m_per_s: 0.2, depth_m: 4.0, heading_rad: 0.5, ..Reference::default() };
+    let follow =
+        Reference { mode: Mode::FollowNet, sway_m_per_s: 0.2, depth_m: 4.0, heading_rad: 0.5, ..Reference::default() };
     let mut controller = controller(&["pid-tuned"]);
     let mut vehicle = Vehicle::new();
     for _ in 0..2000 {
@@ -382,7 +390,8 @@ fn laws_hand_over_by_command_without_a_jump() {
     let names = ["pid", "gsta-tuned", "agsta", "external", "gsta-implicit", "agsta-implicit"];
     let mut controller = controller(&names);
     let mut vehicle = Vehicle::new();
-    let follow = Reference { mode: Mode::FollowNet, sway_m_per_s: 0.2, depth_m: 4.4, heading_rad: 0.7, ..Reference::default() };
+    let follow =
+        Reference { mode: Mode::FollowNet, sway_m_per_s: 0.2, depth_m: 4.4, heading_rad: 0.7, ..Reference::default() };
     let mut last = Thrust::default();
     for _ in 0..400 {
         last = vehicle.step(&mut controller, Some(&follow), None);

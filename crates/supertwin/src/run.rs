@@ -83,6 +83,7 @@ pub(crate) fn run(arguments: &RunArguments, library: &Library) -> Result<ExitCod
     ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed))
         .map_err(|cause| Failure::Call(format!("Ctrl-C can't be caught: {cause}")))?;
 
+    let options = Options { overwrite: arguments.force, compress: arguments.compress, ..Options::default() };
     let progress = progress(&jobs, arguments.json);
     let clock = Stopwatch::start();
     let pool = rayon::ThreadPoolBuilder::new()
@@ -90,7 +91,7 @@ pub(crate) fn run(arguments: &RunArguments, library: &Library) -> Result<ExitCod
         .build()
         .map_err(|cause| Failure::Call(format!("threads: {cause}")))?;
     let results: Vec<Result<Option<Done>, Failure>> =
-        pool.install(|| jobs.par_iter().map(|job| one(job, arguments.force, &stop, &progress)).collect());
+        pool.install(|| jobs.par_iter().map(|job| one(job, &options, &stop, &progress)).collect());
     progress.finish_and_clear();
     let wall_s = clock.elapsed_s();
 
@@ -171,14 +172,14 @@ fn progress(jobs: &[Job], json: bool) -> ProgressBar {
     bar
 }
 
-fn one(job: &Job, force: bool, stop: &AtomicBool, progress: &ProgressBar) -> Result<Option<Done>, Failure> {
+fn one(job: &Job, options: &Options, stop: &AtomicBool, progress: &ProgressBar) -> Result<Option<Done>, Failure> {
     if stop.load(Ordering::Relaxed) {
         return Ok(None);
     }
     let name = run_name(&job.trial, job.seed);
     let clock = Stopwatch::start();
     let outcome = match &job.recording {
-        Some(path) => RerunSink::create(path, Options { overwrite: force, ..Options::default() })
+        Some(path) => RerunSink::create(path, options.clone())
             .map_err(RunError::from)
             .and_then(|mut sink| watched(job, &mut sink, true, stop, progress)),
         None => watched(job, &mut NoSink, false, stop, progress),
