@@ -522,10 +522,10 @@ fn random_inputs_never_make_a_force_beyond_the_limits() {
         applied = Inputs::fresh(&nav, &reference, &applied).step(&mut controller, k);
         assert!(applied.is_finite());
         assert!(forces(&applied) <= 100.0 * (1.0 + 1e-12));
-        let limited = applied.limited.to_array();
-        for i in 0..4 {
-            let (asked, got) = (applied.requested.to_array()[i], applied.allocated.to_array()[i]);
-            assert_eq!(limited[i], (asked - got).abs() > 3.0 + 0.05 * asked.abs());
+        let (requested, allocated) = (applied.requested.to_array(), applied.allocated.to_array());
+        for (i, limited) in applied.limited.to_array().into_iter().enumerate() {
+            let (asked, got) = (requested[i], allocated[i]);
+            assert_eq!(limited, (asked - got).abs() > 3.0 + 0.05 * asked.abs());
         }
     }
 }

@@ -183,8 +183,8 @@ fn step(guidance: &mut Guidance, k: u64, nav: &Nav) -> Reference {
     guidance.step(tick(k), GuidanceInput { nav: Input::Fresh(nav), operator: OperatorLink::Present })
 }
 
-fn ask(guidance: &mut Guidance, k: u64, command: GuidanceCommand) {
-    guidance.command(tick(k), &command).expect("obeyed");
+fn ask(guidance: &mut Guidance, k: u64, command: &GuidanceCommand) {
+    guidance.command(tick(k), command).expect("obeyed");
 }
 
 fn target(guidance: &Guidance) -> [f64; 2] {
@@ -205,7 +205,7 @@ fn run(guidance: &mut Guidance, k: &mut u64, ticks: u64, nav: &Nav) -> Reference
 #[test]
 fn before_the_first_navigation_guidance_waits_in_neutral() {
     let mut guidance = guidance();
-    ask(&mut guidance, 0, GuidanceCommand::Mode(Mode::DepthHeadingHold));
+    ask(&mut guidance, 0, &GuidanceCommand::Mode(Mode::DepthHeadingHold));
     for k in 0..10 {
         let input = GuidanceInput { nav: Input::Missing, operator: OperatorLink::Present };
         let reference = guidance.step(tick(k), input);
@@ -235,7 +235,7 @@ fn neutral_keeps_the_references_on_the_vehicle() {
     // From there into hold: no step in depth or heading.
     let here = nav(4.2, -2.2);
     step(&mut guidance, 200, &here);
-    ask(&mut guidance, 201, GuidanceCommand::Mode(Mode::DepthHeadingHold));
+    ask(&mut guidance, 201, &GuidanceCommand::Mode(Mode::DepthHeadingHold));
     let mut k = 201;
     let reference = run(&mut guidance, &mut k, 500, &here);
     assert_eq!((reference.depth_m, reference.heading_rad), (4.2, -2.2));
@@ -245,10 +245,10 @@ fn neutral_keeps_the_references_on_the_vehicle() {
 fn hold_goes_to_its_set_points_at_rest_in_surge_and_sway() {
     let mut guidance = guidance();
     let mut k = 0;
-    ask(&mut guidance, k, GuidanceCommand::Mode(Mode::DepthHeadingHold));
+    ask(&mut guidance, k, &GuidanceCommand::Mode(Mode::DepthHeadingHold));
     run(&mut guidance, &mut k, 1, &nav(1.5, 0.2));
-    ask(&mut guidance, k, GuidanceCommand::DepthM(Setpoint::Constant(3.5)));
-    ask(&mut guidance, k, GuidanceCommand::HeadingRad(Setpoint::Constant(-0.4)));
+    ask(&mut guidance, k, &GuidanceCommand::DepthM(Setpoint::Constant(3.5)));
+    ask(&mut guidance, k, &GuidanceCommand::HeadingRad(Setpoint::Constant(-0.4)));
     let reference = run(&mut guidance, &mut k, 2000, &nav(1.5, 0.2));
     assert!((reference.depth_m - 3.5).abs() < 1e-4 && (reference.heading_rad + 0.4).abs() < 1e-6, "{reference:?}");
     assert_eq!((reference.surge_m_per_s, reference.sway_m_per_s, reference.speed_m_per_s), (0.0, 0.0, 0.0));
@@ -259,7 +259,7 @@ fn hold_goes_to_its_set_points_at_rest_in_surge_and_sway() {
 fn following_the_net_faces_it_and_travels_by_line_of_sight() {
     let mut guidance = guidance();
     let mut k = 0;
-    ask(&mut guidance, k, GuidanceCommand::Mode(Mode::FollowNet));
+    ask(&mut guidance, k, &GuidanceCommand::Mode(Mode::FollowNet));
     // 0.4 m too far out at 0.2 m/s, facing the net: u_d = U sin(atan(0.4/2)), v_d = U cos(…) to starboard.
     let here = nav(2.0, 0.5);
     let reference = run(&mut guidance, &mut k, 1500, &here);
@@ -269,7 +269,7 @@ fn following_the_net_faces_it_and_travels_by_line_of_sight() {
     assert!((reference.sway_m_per_s - 0.2 * angle.cos()).abs() < 1e-6);
     assert!((reference.heading_rad - 0.5).abs() < 1e-9);
     assert_eq!((reference.speed_m_per_s, reference.net_distance_m), (0.2, 3.0));
-    ask(&mut guidance, k, GuidanceCommand::Direction(Direction::Port));
+    ask(&mut guidance, k, &GuidanceCommand::Direction(Direction::Port));
     let reference = run(&mut guidance, &mut k, 1500, &here);
     assert!((reference.surge_m_per_s - 0.2 * angle.sin()).abs() < 1e-6, "still towards the net");
     assert!((reference.sway_m_per_s + 0.2 * angle.cos()).abs() < 1e-6);
@@ -281,11 +281,11 @@ fn set_points_follow_their_profiles() {
     let mut guidance = guidance();
     let mut k = 0;
     let here = nav(2.0, 0.0);
-    ask(&mut guidance, k, GuidanceCommand::Mode(Mode::DepthHeadingHold));
+    ask(&mut guidance, k, &GuidanceCommand::Mode(Mode::DepthHeadingHold));
     run(&mut guidance, &mut k, 1, &here);
     // A ramp, from where the set-point is.
     let from = k;
-    ask(&mut guidance, k, GuidanceCommand::DepthM(Setpoint::Ramp { to: 5.0, over_s: 30.0 }));
+    ask(&mut guidance, k, &GuidanceCommand::DepthM(Setpoint::Ramp { to: 5.0, over_s: 30.0 }));
     let mut reference = Reference::default();
     while k < from + 1500 {
         reference = run(&mut guidance, &mut k, 1, &here);
@@ -297,8 +297,8 @@ fn set_points_follow_their_profiles() {
     assert!((target(&guidance)[0] - reference.depth_m - 0.1 * 2.0 / 0.6).abs() < 5e-3, "{}", reference.depth_m);
     // A sine about the depth, and another in heading across the seam.
     let from = k;
-    ask(&mut guidance, k, GuidanceCommand::DepthM(Setpoint::Sine { mean: 5.0, amplitude: 0.5, period_s: 20.0 }));
-    ask(&mut guidance, k, GuidanceCommand::HeadingRad(Setpoint::Sine { mean: PI, amplitude: 0.3, period_s: 30.0 }));
+    ask(&mut guidance, k, &GuidanceCommand::DepthM(Setpoint::Sine { mean: 5.0, amplitude: 0.5, period_s: 20.0 }));
+    ask(&mut guidance, k, &GuidanceCommand::HeadingRad(Setpoint::Sine { mean: PI, amplitude: 0.3, period_s: 30.0 }));
     for _ in 0..3000 {
         run(&mut guidance, &mut k, 1, &here);
         let elapsed_s = (k - 1 - from) as f64 * H_S;
@@ -307,10 +307,10 @@ fn set_points_follow_their_profiles() {
         assert!((heading_rad - PI - 0.3 * (PI * elapsed_s / 15.0).sin()).abs() < 1e-9);
     }
     // Distance and speed along the net.
-    ask(&mut guidance, k, GuidanceCommand::Mode(Mode::FollowNet));
-    ask(&mut guidance, k, GuidanceCommand::NetDistanceM(Setpoint::Ramp { to: 2.0, over_s: 10.0 }));
-    ask(&mut guidance, k, GuidanceCommand::SpeedMPerS(Setpoint::Ramp { to: 0.4, over_s: 10.0 }));
-    ask(&mut guidance, k, GuidanceCommand::Direction(Direction::Port));
+    ask(&mut guidance, k, &GuidanceCommand::Mode(Mode::FollowNet));
+    ask(&mut guidance, k, &GuidanceCommand::NetDistanceM(Setpoint::Ramp { to: 2.0, over_s: 10.0 }));
+    ask(&mut guidance, k, &GuidanceCommand::SpeedMPerS(Setpoint::Ramp { to: 0.4, over_s: 10.0 }));
+    ask(&mut guidance, k, &GuidanceCommand::Direction(Direction::Port));
     let reference = run(&mut guidance, &mut k, 251, &here);
     assert!((reference.net_distance_m - 2.5).abs() < 1e-9 && (reference.speed_m_per_s + 0.3).abs() < 1e-9);
 }
@@ -319,7 +319,7 @@ fn set_points_follow_their_profiles() {
 fn set_points_outside_their_limits_are_refused_with_value_and_rule_and_change_nothing() {
     let mut guidance = guidance();
     let mut k = 0;
-    ask(&mut guidance, k, GuidanceCommand::Mode(Mode::FollowNet));
+    ask(&mut guidance, k, &GuidanceCommand::Mode(Mode::FollowNet));
     let here = nav(2.0, 0.5);
     run(&mut guidance, &mut k, 100, &here);
     let untouched = guidance.clone();
@@ -360,8 +360,8 @@ fn stale_navigation_stops_the_reference_where_it_is() {
     for held in [true, false] {
         let mut guidance = guidance();
         let mut k = 0;
-        ask(&mut guidance, k, GuidanceCommand::Mode(Mode::FollowNet));
-        ask(&mut guidance, k, GuidanceCommand::DepthM(Setpoint::Constant(6.0)));
+        ask(&mut guidance, k, &GuidanceCommand::Mode(Mode::FollowNet));
+        ask(&mut guidance, k, &GuidanceCommand::DepthM(Setpoint::Constant(6.0)));
         let here = nav(2.0, 0.0);
         let last = run(&mut guidance, &mut k, 100, &here);
         assert!(last.depth_m_per_s > 0.1 && last.sway_m_per_s > 0.05, "everything is moving");
@@ -409,7 +409,7 @@ fn stale_navigation_stops_the_reference_where_it_is() {
 fn without_an_operator_the_vehicle_holds_depth_and_heading() {
     let mut guidance = guidance();
     let mut k = 0;
-    ask(&mut guidance, k, GuidanceCommand::Mode(Mode::FollowNet));
+    ask(&mut guidance, k, &GuidanceCommand::Mode(Mode::FollowNet));
     let here = nav(2.0, 0.5);
     let before = run(&mut guidance, &mut k, 1000, &here);
     let lost = |k: u64, guidance: &mut Guidance| {
@@ -427,7 +427,7 @@ fn without_an_operator_the_vehicle_holds_depth_and_heading() {
     k += 1;
     assert_eq!(step(&mut guidance, k, &here).mode, Mode::FollowNet);
     // Neutral stays neutral.
-    ask(&mut guidance, k, GuidanceCommand::Mode(Mode::Neutral));
+    ask(&mut guidance, k, &GuidanceCommand::Mode(Mode::Neutral));
     k += 1;
     assert_eq!(lost(k, &mut guidance).mode, Mode::Neutral);
 }
@@ -436,7 +436,7 @@ fn without_an_operator_the_vehicle_holds_depth_and_heading() {
 fn without_a_net_following_becomes_holding_until_the_net_is_seen_again() {
     let mut guidance = guidance();
     let mut k = 0;
-    ask(&mut guidance, k, GuidanceCommand::Mode(Mode::FollowNet));
+    ask(&mut guidance, k, &GuidanceCommand::Mode(Mode::FollowNet));
     let here = nav(2.0, 0.5);
     run(&mut guidance, &mut k, 500, &here);
     let mut blind = here.clone();
@@ -510,7 +510,7 @@ fn no_reference_jumps_at_any_mode_change_of_a_scripted_run() {
             _ => None,
         };
         if let Some(command) = command {
-            ask(&mut guidance, k, command);
+            ask(&mut guidance, k, &command);
         }
         vehicle.nav.net.valid = !(5000..6000).contains(&k);
         let operator = if (7000..8000).contains(&k) { OperatorLink::Lost } else { OperatorLink::Present };
@@ -563,8 +563,8 @@ fn line_of_sight_brings_a_perfect_vehicle_to_its_distance_both_ways() {
     for direction in [Direction::Starboard, Direction::Port] {
         let mut guidance = guidance();
         let mut vehicle = Follower::new();
-        ask(&mut guidance, 0, GuidanceCommand::Mode(Mode::FollowNet));
-        ask(&mut guidance, 0, GuidanceCommand::Direction(direction));
+        ask(&mut guidance, 0, &GuidanceCommand::Mode(Mode::FollowNet));
+        ask(&mut guidance, 0, &GuidanceCommand::Direction(direction));
         for k in 0..5000 {
             let reference = step(&mut guidance, k, &vehicle.nav);
             vehicle.follow(&reference);

@@ -103,13 +103,13 @@ fn t4_outside_its_tolerance_k1_grows_linearly_at_the_printed_rates() {
             law.step(&input(&error));
         }
         let t_s = 5000.0 * H_S;
-        for i in 0..4 {
-            let rate = law.k1()[i] / t_s;
-            assert!((rate - RATES[i]).abs() < 5e-4, "axis {i}: {rate} per s against {}", RATES[i]);
+        for (k1, printed) in law.k1().into_iter().zip(RATES) {
+            let rate = k1 / t_s;
+            assert!((rate - printed).abs() < 5e-4, "{rate} per s against {printed}");
         }
         let exact = [2.5f64.sqrt(), 2.5f64.sqrt(), 1.5f64.sqrt(), 0.5f64.sqrt()];
-        for i in 0..4 {
-            assert!((law.k1()[i] - exact[i] * t_s).abs() < 1e-9, "axis {i}");
+        for (k1, rate) in law.k1().into_iter().zip(exact) {
+            assert!((k1 - rate * t_s).abs() < 1e-9, "{k1} against {}", rate * t_s);
         }
     }
 }
@@ -205,16 +205,16 @@ fn t4_a_leak_lets_k1_decay_towards_its_start() {
     }
     let decay = (1.0f64 - 0.05 * H_S).powi(1000);
     assert!((decay - (-1.0f64).exp()).abs() < 1e-3, "20 s at 0.05 per s are one time constant");
-    for i in 0..4 {
-        assert!(high[i] > 5.0);
-        assert!((law.k1()[i] - 3.0 - (high[i] - 3.0) * decay).abs() < 1e-9, "axis {i}");
+    for (k1, high) in law.k1().into_iter().zip(high) {
+        assert!(high > 5.0);
+        assert!((k1 - 3.0 - (high - 3.0) * decay).abs() < 1e-9, "{k1} after {high}");
     }
     // With the leak the growth levels off at start + rate/leak.
     for _ in 0..50_000 {
         law.step(&input(&outside));
     }
-    for i in 0..4 {
-        assert!((law.k1()[i] - 3.0 - RATES[i] / 0.05).abs() < 0.02, "axis {i}: {}", law.k1()[i]);
+    for (k1, rate) in law.k1().into_iter().zip(RATES) {
+        assert!((k1 - 3.0 - rate / 0.05).abs() < 0.02, "{k1}");
     }
 }
 
@@ -228,9 +228,9 @@ fn t4_a_limited_axis_freezes_integrator_and_adaptation_and_the_others_go_on() {
         let limited = [false, true, false, true];
         law.step(&LawInput { limited, ..input(&error) });
         let (was, is) = (twisting(&before), twisting(&law));
-        for i in 0..4 {
+        for (i, waits) in limited.into_iter().enumerate() {
             for (a, b) in [(was.k1[i], is.k1[i]), (was.k2[i], is.k2[i]), (was.z[i], is.z[i])] {
-                assert_eq!(a.to_bits() == b.to_bits(), limited[i], "{name}, axis {i}: {a} and {b}");
+                assert_eq!(a.to_bits() == b.to_bits(), waits, "{name}, axis {i}: {a} and {b}");
             }
         }
     }

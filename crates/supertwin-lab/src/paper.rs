@@ -1,6 +1,18 @@
 //! What the paper measured in the field: table IV.
 
-pub use supertwin_gnc::control::PaperColumn;
+use serde::{Deserialize, Serialize};
+
+/// Columns of the paper's table IV.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum PaperColumn {
+    /// Case study 1.
+    Gsta,
+    /// Case study 2.
+    Agsta,
+    /// Case study 3.
+    Pid,
+}
 
 /// Names of the rows, as in [`crate::score::QUANTITIES`].
 pub const ROWS: [&str; 6] =

@@ -2,6 +2,7 @@
 
 use crate::config::{ConfigError, Library, Loaded};
 use crate::mission::MissionStep;
+use crate::paper::PaperColumn;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use supertwin_core::check::{Fraction, NonNegative, Positive};
@@ -18,6 +19,8 @@ use supertwin_plant::{PropulsionConfig, StartConfig, UnmodelledConfig};
 pub struct TrialConfig {
     /// What it is and where its numbers come from.
     pub description: String,
+    /// Case study of the paper that this trial repeats, if it does: shown beside its scores.
+    pub paper_column: Option<PaperColumn>,
     /// File in `vehicles/`.
     pub vehicle: String,
     /// File in `environments/`.

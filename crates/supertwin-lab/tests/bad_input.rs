@@ -72,7 +72,7 @@ fn each_kind_of_bad_input_is_named() {
             "waves.significant_height_m: -0.6: must be zero or positive",
         ),
         ("environments/rataren.toml", "direction_rad = [-3.14", "direction_rad = [7.0, -3.14", "direction_rad"),
-        ("controllers/agsta.toml", "[law.agsta]", "[law.agtsa]", "agsta.toml:6:2: law: wanted exactly 1 element"),
+        ("controllers/agsta.toml", "[law.agsta]", "[law.agtsa]", "agsta.toml:5:2: law: wanted exactly 1 element"),
         (
             "controllers/agsta.toml",
             "discretisation = \"explicit\"",

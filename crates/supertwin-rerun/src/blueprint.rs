@@ -23,19 +23,23 @@ pub struct Dashboard {
     properties: Properties,
 }
 
-type Properties = Vec<(String, Vec<SerializedComponentBatch>)>;
+/// Properties of views, and the stretch of time that curves show at first.
+#[derive(Default)]
+struct Properties {
+    span_s: Option<f64>,
+    list: Vec<(String, Vec<SerializedComponentBatch>)>,
+}
 
-/// The view that is embedded in every recording.
+/// The view that is embedded in every recording: the whole of a run whose length `span_s` is known.
 #[must_use]
-pub fn first_view() -> Dashboard {
-    let mut properties = Properties::new();
+pub fn first_view(span_s: Option<f64>) -> Dashboard {
+    let mut properties = Properties { span_s, ..Properties::default() };
     let tabs = [tracking(&mut properties), control(&mut properties)];
     Dashboard { root: Tabs::new(tabs).with_active_tab("0").into(), properties }
 }
 
 /// Does the vehicle do what it should? Measured, wanted and true, beside the picture.
 fn tracking(properties: &mut Properties) -> ContainerLike {
-    // The corner of each legend is where the curves are not at the end of a run along the net.
     let plots = [
         ("Distance to net [m]", "/tracking/distance", RightTop),
         ("Total speed [m/s]", "/tracking/speed", RightBottom),
@@ -46,7 +50,8 @@ fn tracking(properties: &mut Properties) -> ContainerLike {
     ];
     let plots: Vec<_> = plots.map(|(name, path, corner)| curves(properties, name, path, corner)).into();
     let mode = StateTimelineView::new("Mode of guidance").with_origin("/guidance/reference/mode").into();
-    link_time(properties, &mode);
+    // The state timeline knows no range of its own; linked, it shows what the time panel shows.
+    set(properties, &mode, "TimeAxis", &properties::TimeAxis::new().with_link(values::LinkAxis::LinkToGlobal));
     let left = Vertical::new([picture(properties), mode]).with_row_shares([5.0, 1.0]);
     let right = Grid::new(plots).with_grid_columns(2);
     let both = Horizontal::new([left.into(), right.into()]).with_column_shares([0.75, 1.25]);
@@ -57,13 +62,13 @@ fn tracking(properties: &mut Properties) -> ContainerLike {
 fn control(properties: &mut Properties) -> ContainerLike {
     let mut plot = |name, path, corner| curves(properties, name, path, corner);
     let error = [
-        plot("Sliding variable σ", "/controller/sigma", RightTop),
-        plot("Gain k1", "/controller/k1", LeftTop),
+        plot("Sliding variable σ [m/s, m, rad]", "/controller/sigma", RightTop),
+        plot("Gain k1 [N/√σ, N m/√σ]", "/controller/k1", LeftTop),
         plot("Requested wrench [N, N m]", "/controller/thrust/requested", RightTop),
     ];
     let integral = [
-        plot("Integral state z", "/controller/z", RightTop),
-        plot("Gain k2", "/controller/k2", LeftTop),
+        plot("Integrator z [N, N m]", "/controller/z", RightTop),
+        plot("Gain k2 [N/s, N m/s]", "/controller/k2", LeftTop),
         plot("Allocated wrench [N, N m]", "/controller/thrust/allocated", RightTop),
     ];
     let force = plot("Thruster force [N]", "/controller/thrust/force", RightTop);
@@ -107,14 +112,25 @@ fn curves(properties: &mut Properties, name: &str, path: &str, legend: Corner2D)
     view
 }
 
-/// All views that are linked show the same stretch of time.
+/// All curves show the same stretch of time: all of it, or, when that is not known, what the time panel shows.
+///
+/// Linked axes ignore a range of their own and follow the cursor at the end of the run, which hides most of it.
 fn link_time(properties: &mut Properties, view: &ContainerLike) {
-    set(properties, view, "TimeAxis", &properties::TimeAxis::new().with_link(values::LinkAxis::LinkToGlobal));
+    let axis = match properties.span_s {
+        Some(span_s) => {
+            let at = |t_s: f64| TimeRangeBoundary::Absolute(((t_s * 1e9) as i64).into());
+            // A quarter more leaves room for the legends beside the curves.
+            let range = TimeRange { start: at(0.0), end: at(1.25 * span_s) };
+            properties::TimeAxis::new().with_link(values::LinkAxis::Independent).with_view_range(range)
+        }
+        None => properties::TimeAxis::new().with_link(values::LinkAxis::LinkToGlobal),
+    };
+    set(properties, view, "TimeAxis", &axis);
 }
 
 fn set(properties: &mut Properties, view: &ContainerLike, what: &str, property: &dyn AsComponents) {
     if let ContainerLike::View(view) = view {
-        properties.push((format!("{}/{what}", view.blueprint_path()), property.as_serialized_batches()));
+        properties.list.push((format!("{}/{what}", view.blueprint_path()), property.as_serialized_batches()));
     }
 }
 
@@ -155,7 +171,7 @@ fn compose(dashboard: Dashboard) -> Result<Vec<LogMsg>, Problem> {
         return Err("Rerun wrote no blueprint".to_owned());
     };
     let first = TimePoint::default().with(Timeline::new_sequence("blueprint"), 0);
-    for (path, batches) in dashboard.properties {
+    for (path, batches) in dashboard.properties.list {
         let chunk = Chunk::builder(path.as_str())
             .with_serialized_batches(RowId::new(), first.clone(), batches)
             .build()
@@ -172,8 +188,8 @@ mod tests {
 
     #[test]
     fn every_curve_is_linked_to_the_others_and_has_a_legend() {
-        let dashboard = first_view();
-        let count = |what: &str| dashboard.properties.iter().filter(|(path, _)| path.ends_with(what)).count();
+        let dashboard = first_view(None);
+        let count = |what: &str| dashboard.properties.list.iter().filter(|(path, _)| path.ends_with(what)).count();
         assert_eq!(count("/TimeAxis"), 14);
         assert_eq!(count("/PlotLegend"), 13);
         assert_eq!(count("/EyeControls3D"), 1);
@@ -181,7 +197,7 @@ mod tests {
 
     #[test]
     fn the_command_that_activates_comes_last() {
-        let messages = messages(first_view()).unwrap();
+        let messages = messages(first_view(Some(120.0))).unwrap();
         assert!(matches!(messages.last(), Some(LogMsg::BlueprintActivationCommand(_))));
         let commands = messages.iter().filter(|message| matches!(message, LogMsg::BlueprintActivationCommand(_)));
         assert_eq!(commands.count(), 1);

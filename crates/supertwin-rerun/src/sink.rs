@@ -158,7 +158,11 @@ impl RerunSink {
         let source = StoreSource::Other(concat!("supertwin ", env!("CARGO_PKG_VERSION")).to_owned());
         let info = StoreInfo::new(store, source);
         self.send(Job::Message(SetStoreInfo { row_id: *RowId::new(), info }.into()))?;
-        for message in blueprint::messages(blueprint::first_view())? {
+        let span_s = match header.properties.get("duration_s") {
+            Some(Property::Number(span_s)) => Some(*span_s),
+            _ => None,
+        };
+        for message in blueprint::messages(blueprint::first_view(span_s))? {
             self.send(Job::Message(message))?;
         }
         // No start time: the same run makes the same recording whenever it runs.

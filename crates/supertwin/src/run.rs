@@ -199,7 +199,7 @@ fn one(job: &Job, options: &Options, stop: &AtomicBool, progress: &ProgressBar) 
         real_time_factor: simulated_s / wall_s,
         recording: job.recording.clone(),
         scores: outcome.scores,
-        paper: job.trial.controller.paper_column,
+        paper: job.trial.trial.paper_column,
     }))
 }
 

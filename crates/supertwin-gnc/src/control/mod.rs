@@ -32,22 +32,8 @@ use supertwin_model::Hydrodynamics;
 pub struct ControllerConfig {
     /// What it is and where its numbers come from.
     pub description: String,
-    /// Row of the paper's table IV that this law is shown beside, if any.
-    pub paper_column: Option<PaperColumn>,
     /// The law with its gains.
     pub law: LawConfig,
-}
-
-/// Columns of the paper's table IV.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum PaperColumn {
-    /// Case study 1.
-    Gsta,
-    /// Case study 2.
-    Agsta,
-    /// Case study 3.
-    Pid,
 }
 
 /// A law with its gains. One arm per law.
@@ -105,6 +91,7 @@ pub struct LawInput<'a> {
 
 /// A law at work. One arm per law.
 #[derive(Clone, Debug)]
+#[allow(clippy::large_enum_variant, reason = "a handful per run, and no box on the way to a step")]
 pub enum Law {
     /// See [`Pid`].
     Pid(Pid),
