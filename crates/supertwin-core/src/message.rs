@@ -271,11 +271,11 @@ pub struct NetEstimate {
 #[serde(deny_unknown_fields)]
 #[allow(clippy::struct_excessive_bools, reason = "independent flags")]
 pub struct NavHealth {
-    /// No velocity measurement for longer than the limit: the velocity is predicted only.
+    /// No velocity measurement yet, or none for longer than the limit: the velocity is predicted only.
     pub dead_reckoning: bool,
-    /// No depth measurement for longer than the limit.
+    /// No depth measurement yet, or none for longer than the limit.
     pub depth_lost: bool,
-    /// Neither compass nor gyro for longer than the limit.
+    /// No compass reading yet, or none for longer than the limit.
     pub heading_lost: bool,
     /// The thruster forces are unknown and taken as zero.
     pub thrust_unknown: bool,

@@ -9,6 +9,9 @@ pub const TOLERANCE: f64 = 3.0;
 /// Share of the request by which allocation may change an axis before the axis counts as limited.
 pub const TOLERANCE_SHARE: f64 = 0.05;
 
+/// Newtons (or newton metres) that no vehicle of this kind can make.
+const BEYOND_ANY_THRUSTER: f64 = 1e6;
+
 /// `f = B⁺ tau`, each group scaled by one factor to its limits, forces inside the dead band dropped.
 #[derive(Clone, Debug)]
 pub struct Allocation {
@@ -44,6 +47,8 @@ impl Allocation {
     /// (surge, sway, yaw) and lets heave saturate by itself (control.md, section 5).
     #[must_use]
     pub fn allocate(&self, tau: &Vector4<f64>) -> Allocated {
+        // A request beyond any thruster is cut first, so that no product overflows.
+        let tau = &tau.map(|axis| axis.clamp(-BEYOND_ANY_THRUSTER, BEYOND_ANY_THRUSTER));
         let mut force_n = self.thrusters.forces(tau);
         // One factor per group: [horizontal, vertical].
         let mut excess = [1.0f64; 2];

@@ -176,7 +176,7 @@ impl Ekf {
         }
     }
 
-    /// `∂f/∂x` as a dense matrix, for tests.
+    /// `F = I + h ∂f/∂x` as a dense matrix, for tests.
     #[must_use]
     pub fn dense_jacobian(&self, h: f64) -> Covariance {
         self.jacobian(h).times_transposed(&Covariance::identity()).transpose()

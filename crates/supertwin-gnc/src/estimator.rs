@@ -82,10 +82,9 @@ pub struct EstimatorInput<'a> {
     pub thrust: Prev<Input<&'a Thrust>>,
 }
 
-/// When a quantity was last measured, and since when the filter has been waiting for all of them.
+/// When a quantity was last measured.
 #[derive(Clone, Copy, Debug, Default)]
 struct LastSeen {
-    waiting_since: Option<u64>,
     depth: Option<u64>,
     heading: Option<u64>,
     velocity: Option<u64>,
@@ -229,8 +228,7 @@ impl Estimator {
     }
 
     fn nav(&self, tick: Tick, thrust_unknown: bool, restarted: bool) -> Nav {
-        let start = self.seen.waiting_since.unwrap_or(tick.k);
-        let lost = |seen: Option<u64>, limit: u64| tick.k - seen.unwrap_or(start) > limit;
+        let lost = |seen: Option<u64>, limit: u64| seen.is_none_or(|seen| tick.k - seen > limit);
         let x = self.ekf.x();
         let diagonal = self.ekf.P().diagonal();
         let quad = |from: usize| core::array::from_fn(|i| diagonal[from + i]);
@@ -272,7 +270,6 @@ impl Block for Estimator {
         if restarted {
             self.restart();
         }
-        self.seen.waiting_since.get_or_insert(tick.k);
         self.innovations = Innovations::default();
         let thrust = input.thrust.0.within(tick, self.limits.thrust);
         let tau = thrust.map_or_else(Vector4::zeros, |thrust| thrust.allocated.vector());

@@ -4,7 +4,7 @@ use crate::los::{DesiredVelocity, LineOfSight, PortSign};
 use crate::reference_model::{ReferenceModel, ReferenceModelConfig};
 use serde::{Deserialize, Serialize};
 use supertwin_core::check::{Finite, NonNegative, Positive};
-use supertwin_core::command::{GuidanceCommand, Trajectory};
+use supertwin_core::command::{GuidanceCommand, Setpoint, Trajectory};
 use supertwin_core::message::{Direction, Mode, Nav, Reference};
 use supertwin_core::{Block, Input, Observe, Probe, Refusal, Signal, Tick};
 
@@ -117,8 +117,14 @@ pub struct Guidance {
     nav_limit_ticks: u64,
     commanded: Mode,
     direction: Direction,
+    /// Asked for; without them, the vehicle holds where it was when holding began.
     depth_m: Option<Trajectory>,
     heading_rad: Option<Trajectory>,
+    hold_depth_m: f64,
+    hold_heading_rad: f64,
+    /// Asked for before anybody knew where the vehicle is.
+    pending_depth: Option<Setpoint>,
+    pending_heading: Option<Setpoint>,
     net_distance_m: Trajectory,
     speed_m_per_s: Trajectory,
     surge: ReferenceModel,
@@ -144,6 +150,10 @@ impl Guidance {
             direction: config.initial.direction,
             depth_m: None,
             heading_rad: None,
+            hold_depth_m: 0.0,
+            hold_heading_rad: 0.0,
+            pending_depth: None,
+            pending_heading: None,
             net_distance_m: Trajectory::constant(config.initial.net_distance_m.get()),
             speed_m_per_s: Trajectory::constant(config.initial.speed_m_per_s.get()),
             surge: ReferenceModel::new(&config.reference.velocity),
@@ -179,17 +189,30 @@ impl Guidance {
         if was == mode {
             return;
         }
-        // Holding begins where the references stand, unless somebody asked for a heading.
-        if mode == Mode::DepthHeadingHold && self.heading_rad.is_none() {
-            self.heading_rad = Some(Trajectory::constant(self.heading.value));
+        // Holding begins where the references stand.
+        if was == Mode::Neutral {
+            self.hold_depth_m = self.depth.value;
         }
-        if mode == Mode::FollowNet {
+        match mode {
+            Mode::DepthHeadingHold => self.hold_heading_rad = self.heading.value,
             // The net gives the heading from here on; a later hold starts from where that led.
-            self.heading_rad = None;
+            Mode::FollowNet => self.heading_rad = None,
+            Mode::Neutral => {}
         }
-        if self.depth_m.is_none() {
-            self.depth_m = Some(Trajectory::constant(self.depth.value));
-        }
+    }
+
+    /// The first navigation: references start where the vehicle is, and what was asked for before starts from there.
+    fn start(&mut self, nav: &Nav, now: Tick) {
+        self.started = true;
+        self.depth.hold(nav.depth_m);
+        self.heading.hold(nav.heading_rad);
+        let begin = |pending: Option<Setpoint>, from: f64| {
+            let mut trajectory = Trajectory::constant(from);
+            trajectory.follow(pending?, now);
+            Some(trajectory)
+        };
+        self.depth_m = begin(self.pending_depth.take(), nav.depth_m);
+        self.heading_rad = begin(self.pending_heading.take(), nav.heading_rad);
     }
 
     fn reference(&self, now: Tick) -> Reference {
@@ -227,16 +250,18 @@ impl Block for Guidance {
     type Command = GuidanceCommand;
 
     fn step(&mut self, tick: Tick, input: GuidanceInput<'_>) -> Reference {
-        let Some(nav) = input.nav.within(tick, self.nav_limit_ticks) else {
+        // What is no number is no navigation.
+        let usable = |nav: &&Nav| {
+            [nav.depth_m, nav.heading_rad, nav.net.distance_m, nav.net.heading_rad].iter().all(|x| x.is_finite())
+        };
+        let Some(nav) = input.nav.within(tick, self.nav_limit_ticks).filter(usable) else {
             // The reference stops moving where it is.
             self.reason = if self.started { Reason::NavStale } else { Reason::WaitingForNav };
             self.rest();
             return self.reference(tick);
         };
         if !self.started {
-            self.started = true;
-            self.depth.hold(nav.depth_m);
-            self.heading.hold(nav.heading_rad);
+            self.start(nav, tick);
         }
         let (mode, reason) = self.decide(nav, input.operator);
         self.reason = reason;
@@ -251,7 +276,7 @@ impl Block for Guidance {
             self.desired = DesiredVelocity::default();
             return self.reference(tick);
         }
-        let depth_m = self.depth_m.map_or(self.depth.value, |depth| depth.at(tick));
+        let depth_m = self.depth_m.map_or(self.hold_depth_m, |depth| depth.at(tick));
         let heading_rad = if mode == Mode::FollowNet {
             self.desired = self.line_of_sight.velocity(
                 nav.net.distance_m,
@@ -264,7 +289,7 @@ impl Block for Guidance {
             nav.net.heading_rad
         } else {
             self.desired = DesiredVelocity::default();
-            self.heading_rad.map_or(self.heading.value, |heading| heading.at(tick))
+            self.heading_rad.map_or(self.hold_heading_rad, |heading| heading.at(tick))
         };
         self.target = [depth_m, heading_rad];
         self.surge.step(self.desired.surge_m_per_s, h_s);
@@ -280,17 +305,27 @@ impl Block for Guidance {
             GuidanceCommand::Direction(direction) => self.direction = direction,
             GuidanceCommand::DepthM(setpoint) => {
                 let [low, high] = self.limits.depth_m.map(Finite::get);
-                let mut depth = self.depth_m.unwrap_or(Trajectory::constant(self.depth.value));
-                setpoint.check("depth_m", depth.at(tick), low, high)?;
-                depth.follow(setpoint, tick);
-                self.depth_m = Some(depth);
+                if self.started {
+                    let mut depth = self.depth_m.unwrap_or(Trajectory::constant(self.depth.value));
+                    setpoint.check("depth_m", depth.at(tick), low, high)?;
+                    depth.follow(setpoint, tick);
+                    self.depth_m = Some(depth);
+                } else {
+                    setpoint.check("depth_m", setpoint.bounds(low).1, low, high)?;
+                    self.pending_depth = Some(setpoint);
+                }
             }
             GuidanceCommand::HeadingRad(setpoint) => {
-                let mut heading = self.heading_rad.unwrap_or(Trajectory::constant(self.heading.value));
                 let turn = core::f64::consts::TAU;
-                setpoint.check("heading_rad", heading.at(tick), -turn, turn)?;
-                heading.follow(setpoint, tick);
-                self.heading_rad = Some(heading);
+                if self.started {
+                    let mut heading = self.heading_rad.unwrap_or(Trajectory::constant(self.heading.value));
+                    setpoint.check("heading_rad", heading.at(tick), -turn, turn)?;
+                    heading.follow(setpoint, tick);
+                    self.heading_rad = Some(heading);
+                } else {
+                    setpoint.check("heading_rad", setpoint.bounds(-turn).1, -turn, turn)?;
+                    self.pending_heading = Some(setpoint);
+                }
             }
             GuidanceCommand::NetDistanceM(setpoint) => {
                 let [low, high] = self.limits.net_distance_m.map(Positive::get);

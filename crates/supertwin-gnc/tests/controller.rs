@@ -529,3 +529,32 @@ fn random_inputs_never_make_a_force_beyond_the_limits() {
         }
     }
 }
+
+#[test]
+fn a_request_of_any_finite_size_never_leaves_as_no_number() {
+    let (nav, reference, idle) = (nav(), reference(), Thrust::default());
+    let huge = Some(1.7e308);
+    let request = WrenchRequest { surge_n: huge, sway_n: huge, heave_n: huge, yaw_nm: huge };
+    let mut controller = controller(&["external"]);
+    let thrust =
+        Inputs { request: Input::Fresh(&request), ..Inputs::fresh(&nav, &reference, &idle) }.step(&mut controller, 0);
+    assert!(thrust.is_finite(), "{thrust:?}");
+    assert!(forces(&thrust) <= 100.0 * (1.0 + 1e-12));
+}
+
+#[test]
+fn a_gap_in_navigation_does_not_start_a_braked_vehicle_again() {
+    let nav = nav();
+    let moving = Reference { surge_m_per_s: 0.3, ..reference() };
+    let idle = Thrust::default();
+    let mut controller = controller(&["pid-tuned"]);
+    Inputs::fresh(&nav, &moving, &idle).step(&mut controller, 0);
+    let silent = Inputs { reference: Input::Missing, ..Inputs::fresh(&nav, &moving, &idle) };
+    for k in 1..400 {
+        silent.step(&mut controller, k);
+    }
+    assert!(reference_seen(&controller, &nav)[0].abs() < 1e-3, "braked");
+    Inputs { nav: Input::Missing, ..silent }.step(&mut controller, 400);
+    silent.step(&mut controller, 401);
+    assert!(reference_seen(&controller, &nav)[0].abs() < 1e-3, "{}", reference_seen(&controller, &nav)[0]);
+}

@@ -576,3 +576,40 @@ fn line_of_sight_brings_a_perfect_vehicle_to_its_distance_both_ways() {
         assert!(error.abs() < 0.02, "{direction:?}: {error} m");
     }
 }
+
+#[test]
+fn a_second_hold_begins_where_the_vehicle_is_unless_somebody_asked() {
+    let mut guidance = guidance();
+    let mut k = 0;
+    ask(&mut guidance, k, &GuidanceCommand::Mode(Mode::DepthHeadingHold));
+    run(&mut guidance, &mut k, 10, &nav(2.0, 0.2));
+    ask(&mut guidance, k, &GuidanceCommand::Mode(Mode::Neutral));
+    run(&mut guidance, &mut k, 100, &nav(5.0, 1.5));
+    ask(&mut guidance, k, &GuidanceCommand::Mode(Mode::DepthHeadingHold));
+    let reference = run(&mut guidance, &mut k, 2000, &nav(5.0, 1.5));
+    assert_eq!((reference.depth_m, reference.heading_rad), (5.0, 1.5));
+}
+
+#[test]
+fn a_ramp_that_is_asked_for_before_the_first_navigation_begins_at_the_vehicle() {
+    let mut guidance = guidance();
+    let mut k = 0;
+    ask(&mut guidance, k, &GuidanceCommand::Mode(Mode::DepthHeadingHold));
+    ask(&mut guidance, k, &GuidanceCommand::DepthM(Setpoint::Ramp { to: 5.0, over_s: 30.0 }));
+    for _ in 0..1500 {
+        let reference = run(&mut guidance, &mut k, 1, &nav(2.0, 0.2));
+        assert!(reference.depth_m >= 2.0 - 1e-9, "never shallower than where it began: {}", reference.depth_m);
+    }
+}
+
+#[test]
+fn one_navigation_that_is_no_number_does_not_spoil_the_reference_for_good() {
+    let mut guidance = guidance();
+    let mut k = 0;
+    ask(&mut guidance, k, &GuidanceCommand::Mode(Mode::FollowNet));
+    let good = nav(2.0, 0.5);
+    run(&mut guidance, &mut k, 100, &good);
+    run(&mut guidance, &mut k, 1, &Nav { heading_rad: f64::NAN, ..good.clone() });
+    let reference = run(&mut guidance, &mut k, 100, &good);
+    assert!(supertwin_core::Message::is_finite(&reference), "{reference:?}");
+}

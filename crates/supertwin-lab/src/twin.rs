@@ -90,6 +90,8 @@ impl Twin {
         let plant = Plant::new(
             &PlantConfig {
                 dynamics: Hydrodynamics::from(&vehicle.truth),
+                mass_kg: vehicle.truth.rigid_body.mass_kg.get(),
+                height_m: vehicle.size_m[2].get(),
                 thrusters,
                 propulsion: &vehicle.propulsion,
                 unmodelled: &vehicle.unmodelled,
@@ -128,7 +130,8 @@ impl Twin {
             mode: None,
             reason: guidance.reason(),
             status: controller.status(),
-            health: NavHealth::default(),
+            // Nothing has been seen yet: what arrives is found, and only what goes again is lost.
+            health: NavHealth { dead_reckoning: true, depth_lost: true, heading_lost: true, ..NavHealth::default() },
             net_valid: false,
         };
         Ok(Self {

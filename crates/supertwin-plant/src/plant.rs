@@ -17,6 +17,9 @@ use supertwin_core::random::{Draw, OrnsteinUhlenbeck, Stream};
 use supertwin_core::{Block, Input, Observe, Prev, Probe, Refusal, Signal, Tick};
 use supertwin_model::{Hydrodynamics, Thrusters};
 
+/// Acceleration of gravity.
+const GRAVITY_M_PER_S2: f64 = 9.81;
+
 /// What no nominal model contains.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -44,6 +47,10 @@ pub struct StartConfig {
 pub struct PlantConfig<'a> {
     /// True parameters of the equation of motion.
     pub dynamics: Hydrodynamics,
+    /// Mass in air, whose weight the water no longer carries where the body leaves it.
+    pub mass_kg: f64,
+    /// Height of the body.
+    pub height_m: f64,
     /// Thruster geometry and limits.
     pub thrusters: Thrusters,
     /// Thruster dynamics.
@@ -76,6 +83,9 @@ pub struct Plant {
     dynamics: Hydrodynamics,
     propulsion: Propulsion,
     arm_m: f64,
+    /// Buoyancy of the whole body, and its height.
+    buoyancy_n: f64,
+    height_m: f64,
     current: Current,
     waves: Waves,
     /// The waves' motion at the present state.
@@ -134,6 +144,8 @@ impl Plant {
             dynamics: config.dynamics,
             propulsion: Propulsion::new(config.propulsion, config.thrusters, config.dt_s, substep_s)?,
             arm_m: config.unmodelled.sway_to_yaw_arm_m.get(),
+            buoyancy_n: config.mass_kg * GRAVITY_M_PER_S2 + config.dynamics.g()[2],
+            height_m: config.height_m,
             current: Current::new(&environment.current, seed, config.dt_s),
             sea: waves.motion(),
             waves,
@@ -183,7 +195,8 @@ impl Plant {
             disturbance = tether;
             disturbance[3] += self.arm_m * tau[1];
             let sea = self.sea;
-            self.integrate(&(tau + disturbance), &(current + sea.velocity), &sea.acceleration);
+            let surface = Vector4::new(0.0, 0.0, self.lost_buoyancy_n(), 0.0);
+            self.integrate(&(tau + disturbance + surface), &(current + sea.velocity), &sea.acceleration);
             wrench = tau;
             let position = self.position();
             self.waves.advance(&position);
@@ -217,6 +230,12 @@ impl Plant {
         });
         // Within a tick by the angle-sum theorem; every tick ends with the exact functions.
         self.heading = start.turned(self.state[3] - psi_start);
+    }
+
+    /// Buoyancy that is missing because part of the body stands out of the water; it pulls down.
+    fn lost_buoyancy_n(&self) -> f64 {
+        let submerged = ((self.state[2] + 0.5 * self.height_m) / self.height_m).clamp(0.0, 1.0);
+        self.buoyancy_n * (1.0 - submerged)
     }
 
     fn position(&self) -> Vector3<f64> {

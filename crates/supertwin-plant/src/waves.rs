@@ -113,7 +113,7 @@ impl Waves {
 
     /// Computes every component afresh for a position and a time.
     pub fn start(&mut self, position_m: &Vector3<f64>, t_s: f64) {
-        self.depth_m = position_m.z;
+        self.depth_m = position_m.z.max(0.0);
         self.along_m = self.direction[0] * position_m.x + self.direction[1] * position_m.y;
         for j in 0..COMPONENTS {
             self.refresh(j, t_s);
@@ -133,8 +133,10 @@ impl Waves {
             return;
         }
         let along_m = self.direction[0] * position_m.x + self.direction[1] * position_m.y;
-        let (dz, dxi) = (position_m.z - self.depth_m, along_m - self.along_m);
-        (self.depth_m, self.along_m) = (position_m.z, along_m);
+        // Above the mean surface the water moves as it does there.
+        let depth_m = position_m.z.max(0.0);
+        let (dz, dxi) = (depth_m - self.depth_m, along_m - self.along_m);
+        (self.depth_m, self.along_m) = (depth_m, along_m);
         for j in 0..COMPONENTS {
             // e^s ≈ 1 + s + s²/2 with s = −k (dz + i dξ).
             let (a, b) = (-self.wavenumber[j] * dz, -self.wavenumber[j] * dxi);

@@ -101,6 +101,8 @@ impl Setup {
         let start: StartConfig = read(&toml::Value::Table(self.start.clone()));
         let config = PlantConfig {
             dynamics: Hydrodynamics::from(&dynamics),
+            mass_kg: dynamics.rigid_body.mass_kg.get(),
+            height_m: self.vehicle["size_m"][2].as_float().expect("a length"),
             thrusters: Thrusters::new(&thrusters).expect("fully actuated"),
             propulsion: &propulsion,
             unmodelled: &read(&self.vehicle["unmodelled"]),
@@ -960,4 +962,25 @@ fn diving_needs_thrust_against_buoyancy() {
     assert!((truth.depth_m - 4.0).abs() < 0.05, "{}", truth.depth_m);
     bench.run(1000, &down(20.0));
     assert!(bench.plant.truth().depth_m > 6.0, "and more thrust dives");
+}
+
+#[test]
+fn the_surface_holds_the_vehicle_back_whatever_the_thrusters_do() {
+    // Full thrust upwards for two minutes in the highest sea: the body bobs at the surface, partly out of the water.
+    let mut bench = Setup::new("rataren").build(1);
+    let mut shallowest: f64 = 10.0;
+    for _ in 0..6000 {
+        bench.step(&down(-100.0));
+        let truth = bench.plant.truth();
+        assert!(supertwin_core::Message::is_finite(truth), "{truth:?}");
+        shallowest = shallowest.min(truth.depth_m);
+    }
+    assert!(shallowest < 0.3, "it came up: {shallowest}");
+    assert!(shallowest > -0.6, "and did not fly: {shallowest}");
+    // Without thrust the floats keep it up there, in waves of 0.6 m.
+    for _ in 0..3000 {
+        bench.step(&idle());
+        let depth_m = bench.plant.truth().depth_m;
+        assert!((-0.6..2.0).contains(&depth_m), "{depth_m}");
+    }
 }

@@ -156,6 +156,7 @@ impl Controller {
 
     fn idle(&mut self, status: Status) -> Thrust {
         self.status = status;
+        self.last_reference = None;
         self.taking_over = true;
         self.error = TrackingError::default();
         self.thrust(&Vector4::zeros())
@@ -187,7 +188,6 @@ impl Block for Controller {
         };
         let status = match input.reference.within(tick, self.reference_limit) {
             Some(reference) if reference.mode == Mode::Neutral => {
-                self.last_reference = None;
                 return self.idle(Status::Neutral);
             }
             Some(reference) => {
@@ -197,7 +197,8 @@ impl Block for Controller {
             }
             None => {
                 if self.status != Status::Fallback {
-                    self.fallback.begin(self.last_reference.as_ref(), nav);
+                    // Taken, so that a later fallback does not speed up again to what was braked from.
+                    self.fallback.begin(self.last_reference.take().as_ref(), nav);
                 }
                 self.error = TrackingError::new(nav, self.fallback.step(tick.dt_s));
                 Status::Fallback

@@ -78,12 +78,11 @@ impl InverseRange {
     /// Takes a ping beam by beam; true when at least one beam was used.
     pub fn update(&mut self, ping: &DvlPing) -> bool {
         self.report = PingReport::default();
-        let all = super::inverse_ranges(ping);
-        if let Some(q) = all {
+        if let Some(q) = super::inverse_ranges(ping) {
             self.report.parity_per_m = SonarArray::parity(&q);
         }
         if !self.known || self.bad_pings >= self.config.restart_after {
-            return all.is_some_and(|q| self.start(&q));
+            return self.start(ping);
         }
         for (i, range_m) in ping.beam_range_m.iter().enumerate() {
             let Some(range_m) = range_m.filter(|range| range.is_finite() && *range > 0.0) else { continue };
@@ -105,22 +104,33 @@ impl InverseRange {
         good
     }
 
-    /// Starts from a raw plane, if the ping is one: its parity is inside the gate too.
-    fn start(&mut self, q: &[f64; 4]) -> bool {
-        let variance: f64 = q.iter().map(|q| self.variance(*q)).sum();
-        let parity = SonarArray::parity(q);
-        let a = self.array.plane(q);
-        if !(a.x > 0.0 && parity * parity <= self.config.gate.get() * variance) {
+    /// Starts from the least-squares plane of at least three beams; of four, only if they lie on one: their parity is
+    /// inside the gate too.
+    fn start(&mut self, ping: &DvlPing) -> bool {
+        let (mut N, mut rhs, mut variance, mut count) = (Matrix3::zeros(), Vector3::zeros(), 0.0, 0.0);
+        for (beam, range_m) in self.array.beams().iter().zip(ping.beam_range_m) {
+            if let Some(range_m) = range_m.filter(|range| range.is_finite() && *range > 0.0) {
+                let q = 1.0 / range_m;
+                N += beam * beam.transpose();
+                rhs += beam * q;
+                variance += self.variance(q);
+                count += 1.0;
+            }
+        }
+        let parity = self.report.parity_per_m;
+        if count < 3.0 || parity * parity > self.config.gate.get() * variance {
+            return false;
+        }
+        let Some(inverse) = N.try_inverse() else { return false };
+        let a = inverse * rhs;
+        if !(a.x > 0.0) {
             return false;
         }
         self.a = a;
-        // The fit is diagonal: the variance of each component is the mean beam variance over its squared gain.
-        let b = self.array.beams()[0];
-        let mean = variance / 4.0;
-        self.P = Matrix3::from_diagonal(&b.map(|b| mean / (4.0 * b * b)));
+        self.P = inverse * (variance / count);
         self.known = true;
         self.bad_pings = 0;
-        self.report.accepted = [true; 4];
+        self.report.accepted = ping.beam_range_m.map(|range| range.is_some());
         self.clip();
         true
     }
