@@ -54,10 +54,15 @@ impl Allocation {
         let mut excess = [1.0f64; 2];
         for i in 0..self.thrusters.count() {
             let group = usize::from(self.thrusters.is_vertical(i));
-            excess[group] = excess[group].max(force_n[i].abs() / self.thrusters.max_n()[i]);
+            if force_n[i].abs() > self.thrusters.max_n()[i] {
+                excess[group] = excess[group].max(force_n[i].abs() / self.thrusters.max_n()[i]);
+            }
         }
         for i in 0..self.thrusters.count() {
-            force_n[i] /= excess[usize::from(self.thrusters.is_vertical(i))];
+            let excess = excess[usize::from(self.thrusters.is_vertical(i))];
+            if excess > 1.0 {
+                force_n[i] /= excess;
+            }
             if force_n[i].abs() < self.dead_band_n {
                 force_n[i] = 0.0;
             }

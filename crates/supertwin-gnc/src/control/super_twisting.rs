@@ -194,16 +194,16 @@ impl SuperTwisting {
         for i in 0..4 {
             let gains = Gains { k1: self.k1[i], k2: self.k2[i], beta: self.beta[i] };
             let (sigma, z) = (self.sigma[i], self.z[i]);
+            self.phi1[i] = phi1(sigma, gains.beta);
+            self.phi2[i] = phi2(sigma, gains.beta);
             let (force, rate) = match self.discretisation {
-                Discretisation::Explicit => explicit(sigma, z, gains),
+                Discretisation::Explicit => (-gains.k1 * self.phi1[i] + z, -gains.k2 * self.phi2[i]),
                 Discretisation::Implicit => implicit(sigma, z, gains, input.h_s, self.g[i]),
             };
             tau[i] = force;
             if !frozen[i] {
                 self.z[i] += input.h_s * rate;
             }
-            self.phi1[i] = phi1(sigma, gains.beta);
-            self.phi2[i] = phi2(sigma, gains.beta);
         }
         tau
     }
