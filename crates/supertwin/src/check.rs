@@ -41,10 +41,11 @@ pub(crate) fn check(arguments: &CheckArguments, library: &Library) -> Result<Exi
                     .map_err(|cause| Failure::Call(format!("{}: {cause}", file.display())))?;
                 understood.insert(file.display().to_string(), value);
             }
-            Ok(table) if arguments.files.is_empty() => {
-                output::print(&format!("{}: {}", file.display(), summary(&table)))
+            Ok(table) => {
+                let said = if arguments.files.is_empty() { summary(&table) } else { lines(&table) };
+                let gap = if arguments.files.is_empty() { ": " } else { "\n" };
+                output::print(&format!("{}{gap}{said}", file.display()));
             }
-            Ok(table) => output::print(&format!("{}\n{}", file.display(), lines(&table))),
             Err(error) => {
                 wrong += 1;
                 output::warn(&format!("error: {error}"));

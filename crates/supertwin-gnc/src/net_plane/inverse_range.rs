@@ -123,7 +123,7 @@ impl InverseRange {
         }
         let Some(inverse) = N.try_inverse() else { return false };
         let a = inverse * rhs;
-        if !(a.x > 0.0) {
+        if a.x.is_nan() || a.x <= 0.0 {
             return false;
         }
         self.a = a;
