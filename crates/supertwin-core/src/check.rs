@@ -58,6 +58,66 @@ checked! {
     Fraction, "between 0 and 1", |x| (0.0..=1.0).contains(&x)
 }
 
+checked! {
+    /// An angle between 0 and a right angle, neither included.
+    AcuteAngle, "between 0 and π/2 (exclusive)", |x| x > 0.0 && x < core::f64::consts::FRAC_PI_2
+}
+
+/// Two numbers in order, `low < high`. Written as `[low, high]`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "[f64; 2]", into = "[f64; 2]")]
+pub struct Interval {
+    low: f64,
+    high: f64,
+}
+
+/// Ends that are not finite or not in order.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[error("[{low}, {high}]: must be finite, and the first less than the second")]
+pub struct NotOrdered {
+    /// As given.
+    pub low: f64,
+    /// As given.
+    pub high: f64,
+}
+
+impl Interval {
+    /// The lower end.
+    #[must_use]
+    pub fn low(self) -> f64 {
+        self.low
+    }
+
+    /// The upper end.
+    #[must_use]
+    pub fn high(self) -> f64 {
+        self.high
+    }
+
+    /// Whether `x` lies inside, ends included.
+    #[must_use]
+    pub fn contains(self, x: f64) -> bool {
+        (self.low..=self.high).contains(&x)
+    }
+}
+
+impl TryFrom<[f64; 2]> for Interval {
+    type Error = NotOrdered;
+    fn try_from([low, high]: [f64; 2]) -> Result<Self, NotOrdered> {
+        if low < high && low.is_finite() && high.is_finite() {
+            Ok(Self { low, high })
+        } else {
+            Err(NotOrdered { low, high })
+        }
+    }
+}
+
+impl From<Interval> for [f64; 2] {
+    fn from(interval: Interval) -> Self {
+        [interval.low, interval.high]
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -69,6 +129,15 @@ mod tests {
             assert!(Positive::try_from(x).is_err());
             assert!(NonNegative::try_from(x).is_err());
             assert!(Fraction::try_from(x).is_err());
+        }
+    }
+
+    #[test]
+    fn an_interval_is_in_order() {
+        assert!(Interval::try_from([1.0, 2.0]).is_ok_and(|interval| interval.contains(2.0) && !interval.contains(2.1)));
+        for ends in [[2.0, 1.0], [1.0, 1.0], [f64::NAN, 1.0], [0.0, f64::INFINITY]] {
+            let error = Interval::try_from(ends).expect_err("not in order").to_string();
+            assert!(error.contains("the first less than the second"), "{error}");
         }
     }
 

@@ -1,6 +1,6 @@
 //! What a mission file gives in advance and a client asks for at run time: the same types, the same refusals.
 
-use crate::message::{Direction, Mode};
+use crate::message::{Direction, Mode, WrenchRequest};
 use crate::{Refusal, Tick};
 use serde::{Deserialize, Deserializer, Serialize};
 
@@ -72,14 +72,23 @@ pub enum ControllerCommand {
     Neutral(bool),
 }
 
-/// Disturbed wires.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+/// What happens on the wires.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum LinkCommand {
     /// A wire carries nothing for this many seconds: its receiver keeps the last value, which grows old.
     Withhold {
         /// Which wire.
         wire: Wire,
+        /// For how long.
+        for_s: f64,
+    },
+    /// Nobody is in command for this many seconds.
+    OperatorLostForS(f64),
+    /// An external controller asks for a wrench, at every tick of this many seconds.
+    WrenchRequest {
+        /// What it asks for.
+        request: WrenchRequest,
         /// For how long.
         for_s: f64,
     },
@@ -157,12 +166,12 @@ impl<'de> Deserialize<'de> for Setpoint {
 }
 
 impl Setpoint {
-    /// The smallest and the largest value it ever takes after `present`.
+    /// The smallest and the largest value that it asks for. A ramp asks for its end: where it begins is where the
+    /// set-point is, and a vehicle outside the limits may always be called back.
     #[must_use]
-    pub fn bounds(self, present: f64) -> (f64, f64) {
+    pub fn bounds(self) -> (f64, f64) {
         match self {
-            Self::Constant(value) => (value, value),
-            Self::Ramp { to, .. } => (to.min(present), to.max(present)),
+            Self::Constant(value) | Self::Ramp { to: value, .. } => (value, value),
             Self::Sine { mean, amplitude, .. } => (mean - amplitude.abs(), mean + amplitude.abs()),
         }
     }
@@ -171,7 +180,7 @@ impl Setpoint {
     ///
     /// # Errors
     /// Names `what`, the value and the rule.
-    pub fn check(self, what: &str, present: f64, low: f64, high: f64) -> Result<(), Refusal> {
+    pub fn check(self, what: &str, low: f64, high: f64) -> Result<(), Refusal> {
         let time_s = match self {
             Self::Constant(_) => 1.0,
             Self::Ramp { over_s, .. } => over_s,
@@ -180,7 +189,7 @@ impl Setpoint {
         if !(time_s > 0.0 && time_s.is_finite()) {
             return Err(Refusal(format!("{what}: the time {time_s} s must be positive and finite")));
         }
-        let (least, most) = self.bounds(present);
+        let (least, most) = self.bounds();
         if (low..=high).contains(&least) && (low..=high).contains(&most) {
             Ok(())
         } else {
@@ -242,10 +251,10 @@ mod tests {
 
     #[test]
     fn a_setpoint_outside_its_limits_is_refused_with_value_and_rule() {
-        let refusal = Setpoint::Constant(f64::NAN).check("depth_m", 0.0, 0.0, 20.0).expect_err("NaN");
+        let refusal = Setpoint::Constant(f64::NAN).check("depth_m", 0.0, 20.0).expect_err("NaN");
         assert!(refusal.0.contains("NaN") && refusal.0.contains("between 0 and 20"), "{refusal}");
-        assert!(Setpoint::Sine { mean: 1.0, amplitude: 2.0, period_s: 5.0 }.check("d", 0.0, 0.0, 5.0).is_err());
-        assert!(Setpoint::Ramp { to: 1.0, over_s: 0.0 }.check("d", 0.0, 0.0, 5.0).is_err());
-        assert!(Setpoint::Ramp { to: 1.0, over_s: 2.0 }.check("d", 0.0, 0.0, 5.0).is_ok());
+        assert!(Setpoint::Sine { mean: 1.0, amplitude: 2.0, period_s: 5.0 }.check("d", 0.0, 5.0).is_err());
+        assert!(Setpoint::Ramp { to: 1.0, over_s: 0.0 }.check("d", 0.0, 5.0).is_err());
+        assert!(Setpoint::Ramp { to: 1.0, over_s: 2.0 }.check("d", 0.0, 5.0).is_ok());
     }
 }

@@ -142,6 +142,8 @@ pub struct Truth {
     pub velocity: BodyVelocity,
     /// Velocity of the water at the vehicle in body axes (current and waves).
     pub water_velocity: BodyVelocity,
+    /// Velocity of the current alone, towards North, East and down, in m/s.
+    pub current_m_per_s: [f64; 3],
     /// Horizontal distance to the net, radially from the cage's axis.
     pub net_distance_m: f64,
     /// Outward direction of the net at the vehicle.
@@ -171,6 +173,12 @@ static TRUE_WATER: Signal = Signal {
     components: AXIS_NAMES,
     units: VELOCITY_UNITS,
     about: "velocity of the water at the vehicle, body axes",
+};
+static TRUE_CURRENT: Signal = Signal {
+    path: "plant/truth/current",
+    components: &["north", "east", "down"],
+    units: &["m/s"],
+    about: "velocity of the current without the waves, NED axes",
 };
 static TRUE_NET: Signal = Signal {
     path: "plant/truth/net",
@@ -202,6 +210,7 @@ impl Observe for Truth {
         probe.vector(&TRUE_POSE, &[self.north_m, self.east_m, self.depth_m, self.heading_rad]);
         probe.vector(&TRUE_VELOCITY, &self.velocity.to_array());
         probe.vector(&TRUE_WATER, &self.water_velocity.to_array());
+        probe.vector(&TRUE_CURRENT, &self.current_m_per_s);
         probe.vector(&TRUE_NET, &[self.net_distance_m, self.net_heading_rad]);
         probe.vector(&TRUE_DISTURBANCE, &self.disturbance.to_array());
         probe.vector(&TRUE_WRENCH, &self.wrench.to_array());

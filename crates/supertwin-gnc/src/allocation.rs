@@ -1,13 +1,19 @@
 //! Control allocation: a wrench into thruster forces that exist.
 
 use nalgebra::Vector4;
+use serde::{Deserialize, Serialize};
+use supertwin_core::check::{Fraction, NonNegative};
 use supertwin_model::thrusters::{Forces, Thrusters};
 
-/// Newtons (or newton metres) by which allocation may change an axis before the axis counts as limited,
-/// plus [`TOLERANCE_SHARE`] of the request.
-pub const TOLERANCE: f64 = 3.0;
-/// Share of the request by which allocation may change an axis before the axis counts as limited.
-pub const TOLERANCE_SHARE: f64 = 0.05;
+/// When an axis counts as limited, as it stands in a vehicle file.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AllocationConfig {
+    /// Newtons (newton metres in yaw) by which allocation may change an axis before it counts as limited, plus the share.
+    pub tolerance_n: NonNegative,
+    /// Share of the request by which it may.
+    pub tolerance_share: Fraction,
+}
 
 /// Newtons (or newton metres) that no vehicle of this kind can make.
 const BEYOND_ANY_THRUSTER: f64 = 1e6;
@@ -17,6 +23,8 @@ const BEYOND_ANY_THRUSTER: f64 = 1e6;
 pub struct Allocation {
     thrusters: Thrusters,
     dead_band_n: f64,
+    tolerance_n: f64,
+    tolerance_share: f64,
 }
 
 /// What allocation made of a wrench.
@@ -33,8 +41,13 @@ pub struct Allocated {
 impl Allocation {
     /// From the vehicle's thrusters and the dead band below which they do not turn.
     #[must_use]
-    pub fn new(thrusters: Thrusters, dead_band_n: f64) -> Self {
-        Self { thrusters, dead_band_n }
+    pub fn new(thrusters: Thrusters, dead_band_n: f64, config: &AllocationConfig) -> Self {
+        Self {
+            thrusters,
+            dead_band_n,
+            tolerance_n: config.tolerance_n.get(),
+            tolerance_share: config.tolerance_share.get(),
+        }
     }
 
     /// How many thrusters there are.
@@ -68,7 +81,9 @@ impl Allocation {
             }
         }
         let wrench = self.thrusters.wrench(&force_n);
-        let limited = core::array::from_fn(|i| (wrench[i] - tau[i]).abs() > TOLERANCE + TOLERANCE_SHARE * tau[i].abs());
+        let limited = core::array::from_fn(|i| {
+            (wrench[i] - tau[i]).abs() > self.tolerance_n + self.tolerance_share * tau[i].abs()
+        });
         Allocated { force_n, wrench, limited }
     }
 }

@@ -3,7 +3,7 @@
 use crate::los::{DesiredVelocity, LineOfSight, PortSign};
 use crate::reference_model::{ReferenceModel, ReferenceModelConfig};
 use serde::{Deserialize, Serialize};
-use supertwin_core::check::{Finite, NonNegative, Positive};
+use supertwin_core::check::{Interval, NonNegative, Positive};
 use supertwin_core::command::{GuidanceCommand, Setpoint, Trajectory};
 use supertwin_core::message::{Direction, Mode, Nav, Reference};
 use supertwin_core::{Block, Input, Observe, Probe, Refusal, Signal, Tick};
@@ -43,9 +43,9 @@ pub struct ReferenceModels {
 #[serde(deny_unknown_fields)]
 pub struct SetpointLimits {
     /// Shallowest and deepest.
-    pub depth_m: [Finite; 2],
+    pub depth_m: Interval,
     /// Nearest and farthest.
-    pub net_distance_m: [Positive; 2],
+    pub net_distance_m: Interval,
     /// Fastest along the net.
     pub speed_m_per_s: Positive,
 }
@@ -60,6 +60,33 @@ pub struct InitialSetpoints {
     pub speed_m_per_s: NonNegative,
     /// Direction of travel.
     pub direction: Direction,
+}
+
+impl GuidanceConfig {
+    /// # Errors
+    /// When an initial set-point breaks the limits, or the net may be approached to nothing.
+    pub fn check(&self) -> Result<(), String> {
+        let (limits, initial) = (&self.limits, &self.initial);
+        if limits.net_distance_m.low() <= 0.0 {
+            return Err(format!("limits.net_distance_m: {} must be positive", limits.net_distance_m.low()));
+        }
+        if !limits.net_distance_m.contains(initial.net_distance_m.get()) {
+            return Err(format!(
+                "initial.net_distance_m = {}: must lie between {} and {}",
+                initial.net_distance_m.get(),
+                limits.net_distance_m.low(),
+                limits.net_distance_m.high()
+            ));
+        }
+        if initial.speed_m_per_s.get() > limits.speed_m_per_s.get() {
+            return Err(format!(
+                "initial.speed_m_per_s = {}: must be at most {}",
+                initial.speed_m_per_s.get(),
+                limits.speed_m_per_s.get()
+            ));
+        }
+        Ok(())
+    }
 }
 
 /// Whether somebody is in command.
@@ -304,37 +331,35 @@ impl Block for Guidance {
             GuidanceCommand::Mode(mode) => self.commanded = mode,
             GuidanceCommand::Direction(direction) => self.direction = direction,
             GuidanceCommand::DepthM(setpoint) => {
-                let [low, high] = self.limits.depth_m.map(Finite::get);
+                let (low, high) = (self.limits.depth_m.low(), self.limits.depth_m.high());
+                setpoint.check("depth_m", low, high)?;
                 if self.started {
                     let mut depth = self.depth_m.unwrap_or(Trajectory::constant(self.depth.value));
-                    setpoint.check("depth_m", depth.at(tick), low, high)?;
                     depth.follow(setpoint, tick);
                     self.depth_m = Some(depth);
                 } else {
-                    setpoint.check("depth_m", setpoint.bounds(low).1, low, high)?;
                     self.pending_depth = Some(setpoint);
                 }
             }
             GuidanceCommand::HeadingRad(setpoint) => {
                 let turn = core::f64::consts::TAU;
+                setpoint.check("heading_rad", -turn, turn)?;
                 if self.started {
                     let mut heading = self.heading_rad.unwrap_or(Trajectory::constant(self.heading.value));
-                    setpoint.check("heading_rad", heading.at(tick), -turn, turn)?;
                     heading.follow(setpoint, tick);
                     self.heading_rad = Some(heading);
                 } else {
-                    setpoint.check("heading_rad", setpoint.bounds(-turn).1, -turn, turn)?;
                     self.pending_heading = Some(setpoint);
                 }
             }
             GuidanceCommand::NetDistanceM(setpoint) => {
-                let [low, high] = self.limits.net_distance_m.map(Positive::get);
-                setpoint.check("net_distance_m", self.net_distance_m.at(tick), low, high)?;
+                let (low, high) = (self.limits.net_distance_m.low(), self.limits.net_distance_m.high());
+                setpoint.check("net_distance_m", low, high)?;
                 self.net_distance_m.follow(setpoint, tick);
             }
             GuidanceCommand::SpeedMPerS(setpoint) => {
                 let high = self.limits.speed_m_per_s.get();
-                setpoint.check("speed_m_per_s", self.speed_m_per_s.at(tick), 0.0, high)?;
+                setpoint.check("speed_m_per_s", 0.0, high)?;
                 self.speed_m_per_s.follow(setpoint, tick);
             }
         }

@@ -14,7 +14,7 @@ pub mod los;
 pub mod net_plane;
 pub mod reference_model;
 
-pub use allocation::Allocation;
+pub use allocation::{Allocation, AllocationConfig};
 pub use control::{Controller, ControllerConfig, ControllerInput, LawConfig};
 pub use estimator::{Estimator, EstimatorConfig, EstimatorInput};
 pub use guidance::{Guidance, GuidanceConfig, GuidanceInput, OperatorLink};

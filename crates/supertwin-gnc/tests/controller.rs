@@ -24,7 +24,7 @@ fn try_build(laws: &[(&str, &LawConfig)]) -> Result<Controller, String> {
     Controller::new(&ControllerSetup {
         laws: laws.iter().map(|(name, law)| ((*name).to_owned(), *law)).collect(),
         model: nominal(),
-        allocation: Allocation::new(thrusters(), 1.0),
+        allocation: Allocation::new(thrusters(), 1.0, &common::tolerance()),
         limits: &limits,
         fallback: &fallback,
         dt_s: H_S,
@@ -557,4 +557,16 @@ fn a_gap_in_navigation_does_not_start_a_braked_vehicle_again() {
     Inputs { nav: Input::Missing, ..silent }.step(&mut controller, 400);
     silent.step(&mut controller, 401);
     assert!(reference_seen(&controller, &nav)[0].abs() < 1e-3, "{}", reference_seen(&controller, &nav)[0]);
+}
+
+#[test]
+fn who_wanted_no_force_and_fell_silent_still_wants_none() {
+    let (nav, idle) = (nav(), Thrust::default());
+    let neutral = Reference { mode: Mode::Neutral, ..reference() };
+    let mut controller = controller(&["pid-tuned"]);
+    Inputs::fresh(&nav, &neutral, &idle).step(&mut controller, 0);
+    let silent = Inputs { reference: Input::Missing, ..Inputs::fresh(&nav, &neutral, &idle) };
+    for k in 1..100 {
+        assert_eq!(forces(&silent.step(&mut controller, k)), 0.0, "tick {k}");
+    }
 }

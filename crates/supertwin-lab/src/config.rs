@@ -1,5 +1,6 @@
 //! Configuration files: found by name, read with overrides, refused with file, line, path, value and rule.
 
+use crate::trial::{ControllerConfig, ResolvedTrial};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use std::path::{Path, PathBuf};
@@ -102,6 +103,15 @@ impl std::str::FromStr for Override {
 }
 
 impl Override {
+    /// Whether this override has a place in a file: one of a law's parameters has it in the files of that law only, so
+    /// that a trial with several controllers can be overridden law by law.
+    fn concerns(&self, table: &Table) -> bool {
+        if self.section != "controller" || self.path.len() < 2 || self.path[0] != "law" {
+            return true;
+        }
+        table.get("law").and_then(Value::as_table).is_none_or(|law| law.contains_key(&self.path[1]))
+    }
+
     /// Puts the value in its place.
     fn apply(&self, table: &mut Table) -> Result<(), ConfigError> {
         let error = |message: String| ConfigError::Override { text: self.text.clone(), message };
@@ -164,6 +174,28 @@ pub struct Library {
     overrides: Vec<Override>,
 }
 
+impl Library {
+    /// # Errors
+    /// When an override of a law's parameter concerns no controller of these trials.
+    pub fn all_used(&self, trials: &[ResolvedTrial]) -> Result<(), ConfigError> {
+        for over in self.overrides.iter().filter(|over| over.section == "controller") {
+            let laws = || {
+                trials.iter().flat_map(|trial| {
+                    std::iter::once(&trial.controller).chain(trial.standby.iter().map(|(_, law)| law))
+                })
+            };
+            let law_named = |config: &ControllerConfig| over.path.get(1).is_none_or(|law| law == config.law.name());
+            if over.path[0] == "law" && !laws().any(law_named) {
+                let mut known: Vec<&str> = laws().map(|config| config.law.name()).collect();
+                known.dedup();
+                let message = format!("no controller here has this law; there are {}", known.join(", "));
+                return Err(ConfigError::Override { text: over.text.clone(), message });
+            }
+        }
+        Ok(())
+    }
+}
+
 /// A file as it was understood.
 #[derive(Clone, Debug)]
 pub struct Loaded<T> {
@@ -218,6 +250,15 @@ impl Library {
         let text = std::fs::read_to_string(&path).map_err(|cause| match cause.kind() {
             std::io::ErrorKind::NotFound => {
                 let known = self.names(folder);
+                if known.is_empty() {
+                    return ConfigError::Unreadable {
+                        path: shown.clone(),
+                        cause: format!(
+                            "not there, and no other {section} in {}: name the folder with --config",
+                            self.root.join(folder).display()
+                        ),
+                    };
+                }
                 ConfigError::Missing {
                     path: shown.clone(),
                     kind: section.to_owned(),
@@ -228,7 +269,8 @@ impl Library {
         })?;
         let value: T = parse(&shown, &text)?;
         let mut table: Table = parse(&shown, &text)?;
-        let mine: Vec<&Override> = self.overrides.iter().filter(|over| over.section == section).collect();
+        let mine: Vec<&Override> =
+            self.overrides.iter().filter(|over| over.section == section && over.concerns(&table)).collect();
         if mine.is_empty() {
             return Ok(Loaded { value, table, path });
         }

@@ -41,6 +41,12 @@ impl Mission {
         })
     }
 
+    /// Commands that have not been due yet.
+    #[must_use]
+    pub fn rest(&self) -> &[(u64, Command)] {
+        &self.steps[self.next..]
+    }
+
     /// All commands with their ticks.
     #[must_use]
     pub fn steps(&self) -> &[(u64, Command)] {

@@ -6,6 +6,7 @@ use crate::score::{LawSample, Scorer, Scores, Tracking};
 use crate::trial::ResolvedTrial;
 use crate::twin::{NonFinite, Twin};
 use std::borrow::Cow;
+use supertwin_core::command::Command;
 use supertwin_core::digest::{DigestProbe, RunDigest};
 use supertwin_core::run::{Properties, Property, Scene, Severity};
 use supertwin_core::{Event, Observe, RunHeader, RunSink, SinkError, Tick};
@@ -25,6 +26,8 @@ pub struct RunOutcome {
     pub complete: bool,
     /// Warnings among the events.
     pub warnings: u64,
+    /// Commands that were refused, and why.
+    pub refused: Vec<Event>,
 }
 
 /// A run that could not be done.
@@ -64,6 +67,7 @@ pub fn run<S: RunSink>(
     let mut scorer = Scorer::new(trial.score_from_tick(), trial.ticks(), dt_s);
     let mut probe = DigestProbe::default();
     let (mut warnings, mut ticks) = (0, 0);
+    let mut refused = Vec::new();
     if let Some(provenance) = recording {
         sink.begin(&header(trial, seed, provenance)?)?;
     }
@@ -82,10 +86,27 @@ pub fn run<S: RunSink>(
                 let event = command_event(k, command, refusal.as_ref());
                 warnings += u64::from(event.severity > Severity::Info);
                 sink.event(&event)?;
+                if refusal.is_some() {
+                    refused.push(event);
+                }
             }
         }
         twin.step(tick);
-        twin.digest(tick, &mut probe)?;
+        if let Err(error) = twin.digest(tick, &mut probe) {
+            if recording {
+                // The recording ends with the tick that went wrong and says what did.
+                twin.observe(sink);
+                let text = Cow::Owned(error.to_string());
+                sink.event(&Event { tick: k, service: Cow::Borrowed("run"), severity: Severity::Error, text })?;
+                let failed = Properties::from([
+                    ("complete".to_owned(), 0u64.into()),
+                    ("error".to_owned(), error.to_string().into()),
+                    ("ticks".to_owned(), (k + 1).into()),
+                ]);
+                sink.finish(&failed)?;
+            }
+            return Err(error.into());
+        }
         let Some(now) = twin.outputs() else { continue };
         let tracking = Tracking::new(now.nav, now.reference, twin.truth());
         let law = twin.controller().law();
@@ -101,12 +122,26 @@ pub fn run<S: RunSink>(
         }
         ticks = k + 1;
     }
+    if ticks == trial.ticks() {
+        for (at, command) in mission.rest() {
+            warnings += 1;
+            let text = format!("never applied, {} s is after the end: {}", *at as f64 * dt_s, said(command));
+            let event = Event {
+                tick: ticks.saturating_sub(1),
+                service: Cow::Borrowed("mission"),
+                severity: Severity::Warning,
+                text: Cow::Owned(text),
+            };
+            sink.event(&event)?;
+        }
+    }
     let outcome = RunOutcome {
         scores: scorer.scores(),
         digest: twin.run_digest(),
         ticks,
         complete: ticks == trial.ticks(),
         warnings,
+        refused,
     };
     if recording {
         sink.finish(&results(&outcome))?;
@@ -114,17 +149,18 @@ pub fn run<S: RunSink>(
     Ok(outcome)
 }
 
-fn command_event(
-    k: u64,
-    command: &supertwin_core::command::Command,
-    refusal: Option<&supertwin_core::Refusal>,
-) -> Event {
-    let said = serde_json::to_string(command).unwrap_or_else(|error| error.to_string());
+fn command_event(k: u64, command: &Command, refusal: Option<&supertwin_core::Refusal>) -> Event {
+    let said = said(command);
     let (severity, text) = match refusal {
         None => (Severity::Info, format!("command applied: {said}")),
         Some(refusal) => (Severity::Error, format!("command refused: {said}: {refusal}")),
     };
     Event { tick: k, service: Cow::Borrowed("mission"), severity, text: Cow::Owned(text) }
+}
+
+/// A command as it stands on a wire.
+fn said(command: &Command) -> String {
+    serde_json::to_string(command).unwrap_or_else(|error| error.to_string())
 }
 
 /// Name of a run: trial, controller, seed.

@@ -6,10 +6,11 @@ use crate::paper::PaperColumn;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use supertwin_core::check::{Fraction, NonNegative, Positive};
+use supertwin_gnc::AllocationConfig;
 use supertwin_gnc::control::{ControllerLimits, FallbackConfig};
 use supertwin_gnc::estimator::EstimatorLimits;
 pub use supertwin_gnc::{ControllerConfig, EstimatorConfig, GuidanceConfig};
-use supertwin_model::{HydrodynamicsConfig, ThrusterConfig};
+use supertwin_model::{HydrodynamicsConfig, ThrusterConfig, Thrusters};
 pub use supertwin_plant::{EnvironmentConfig, SensorsConfig};
 use supertwin_plant::{PropulsionConfig, StartConfig, UnmodelledConfig};
 
@@ -78,10 +79,20 @@ pub struct VehicleConfig {
     pub nominal: HydrodynamicsConfig,
     /// What no nominal model contains.
     pub unmodelled: UnmodelledConfig,
+    /// When an axis counts as limited.
+    pub allocation: AllocationConfig,
     /// Thruster dynamics.
     pub propulsion: PropulsionConfig,
     /// The thrusters.
     pub thruster: Vec<ThrusterConfig>,
+}
+
+impl VehicleConfig {
+    /// # Errors
+    /// When the thrusters can't make every wrench.
+    pub fn check(&self) -> Result<(), String> {
+        Thrusters::new(&self.thruster).map(drop).map_err(|error| error.to_string())
+    }
 }
 
 /// A safety file: how old inputs may get, and what then.
@@ -118,6 +129,15 @@ pub struct GuidanceLimits {
     pub nav_s: NonNegative,
 }
 
+/// Where the pieces of a trial came from.
+#[derive(Clone, Debug)]
+pub struct Places {
+    /// The vehicle's file.
+    pub vehicle: PathBuf,
+    /// The controller's file.
+    pub controller: PathBuf,
+}
+
 /// A trial with all its files read: one controller, ready to be built for any seed.
 #[derive(Clone, Debug)]
 pub struct ResolvedTrial {
@@ -125,6 +145,8 @@ pub struct ResolvedTrial {
     pub name: String,
     /// The trial's file.
     pub path: PathBuf,
+    /// The files of its pieces, for errors.
+    pub places: Places,
     /// The trial.
     pub trial: TrialConfig,
     /// The vehicle.
@@ -179,16 +201,22 @@ pub fn load(library: &Library, name: &str) -> Result<Vec<ResolvedTrial>, ConfigE
     let estimator: Loaded<EstimatorConfig> = library.load("estimator", "estimators", &config.estimator)?;
     let guidance: Loaded<GuidanceConfig> = library.load("guidance", "guidance", &config.guidance)?;
     let safety: Loaded<SafetyConfig> = library.load("safety", "safety", &config.safety)?;
+    fits(&vehicle.path, vehicle.value.check())?;
+    fits(&environment.path, environment.value.check())?;
+    fits(&sensors.path, sensors.value.check())?;
+    fits(&guidance.path, guidance.value.check())?;
+    fits(&trial.path, config.start.check(environment.value.cage.radius_m.get()))?;
     let mut standby = Vec::new();
     let mut standby_tables = toml::Table::new();
     for name in config.standby.iter().flatten() {
-        let law: Loaded<ControllerConfig> = library.load("standby", "controllers", name)?;
+        let law: Loaded<ControllerConfig> = library.load("controller", "controllers", name)?;
         standby_tables.insert(stem(&law.path), toml::Value::Table(law.table));
         standby.push((stem(&law.path), law.value));
     }
     let mut resolved = Vec::with_capacity(config.controllers.len());
     for name in &config.controllers {
         let controller: Loaded<ControllerConfig> = library.load("controller", "controllers", name)?;
+        fits(&controller.path, controller.value.law.check())?;
         let mut text = toml::Table::new();
         for (section, table) in [
             ("trial", &trial.table),
@@ -208,6 +236,7 @@ pub fn load(library: &Library, name: &str) -> Result<Vec<ResolvedTrial>, ConfigE
         let one = ResolvedTrial {
             name: stem(&trial.path),
             path: trial.path.clone(),
+            places: Places { vehicle: vehicle.path.clone(), controller: controller.path.clone() },
             trial: config.clone(),
             vehicle: vehicle.value.clone(),
             environment: environment.value.clone(),
@@ -224,6 +253,14 @@ pub fn load(library: &Library, name: &str) -> Result<Vec<ResolvedTrial>, ConfigE
         resolved.push(one);
     }
     Ok(resolved)
+}
+
+/// Puts the file's name to a rule that its pieces break together.
+///
+/// # Errors
+/// The broken rule.
+pub fn fits(path: &Path, checked: Result<(), String>) -> Result<(), ConfigError> {
+    checked.map_err(|message| ConfigError::Combination { path: path.display().to_string(), message })
 }
 
 fn stem(path: &Path) -> String {

@@ -7,6 +7,7 @@ use crate::wire::Wire;
 use arrayvec::ArrayVec;
 use nalgebra::Vector4;
 use std::borrow::Cow;
+use std::path::Path;
 use supertwin_core::command::{Command, LinkCommand, Wire as WireName};
 use supertwin_core::digest::{DigestProbe, RunDigest, block_digest};
 use supertwin_core::message::{Measurements, Mode, Nav, NavHealth, Reference, Thrust, Truth, WrenchRequest};
@@ -45,6 +46,9 @@ pub struct Twin {
     reference: Wire<Reference>,
     thrust: Wire<Thrust>,
     wrench_request: Wire<WrenchRequest>,
+    /// An external controller of the mission: what it asks for, and until which tick.
+    requesting: Option<(u64, WrenchRequest)>,
+    operator_lost_until: u64,
     digests: [u64; 4],
     run_digest: RunDigest,
     events: ArrayVec<Event, MAX_EVENTS>,
@@ -81,12 +85,15 @@ impl Twin {
     /// # Errors
     /// When pieces that are legal alone do not fit together.
     pub fn new(trial: &ResolvedTrial, seed: u64) -> Result<Self, ConfigError> {
-        let wrong = |place: String| move |message: String| ConfigError::Combination { path: place.clone(), message };
+        let wrong = |place: &Path| {
+            let path = place.display().to_string();
+            move |message: String| ConfigError::Combination { path: path.clone(), message }
+        };
         let config = &trial.trial;
         let vehicle = &trial.vehicle;
         let dt_s = config.tick_s.get();
-        let thrusters = Thrusters::new(&vehicle.thruster)
-            .map_err(|error| wrong(format!("vehicle {:?}", config.vehicle))(error.to_string()))?;
+        let thrusters =
+            Thrusters::new(&vehicle.thruster).map_err(|error| wrong(&trial.places.vehicle)(error.to_string()))?;
         let plant = Plant::new(
             &PlantConfig {
                 dynamics: Hydrodynamics::from(&vehicle.truth),
@@ -104,7 +111,7 @@ impl Twin {
             },
             seed,
         )
-        .map_err(wrong(trial.path.display().to_string()))?;
+        .map_err(wrong(&trial.places.vehicle))?;
         let nominal = nominal_model(&Hydrodynamics::from(&vehicle.nominal), config.nominal_spread.get(), seed);
         let estimator = Estimator::new(
             &trial.estimator,
@@ -120,12 +127,12 @@ impl Twin {
         let controller = Controller::new(&ControllerSetup {
             laws,
             model: nominal,
-            allocation: Allocation::new(thrusters, vehicle.propulsion.dead_band_n.get()),
+            allocation: Allocation::new(thrusters, vehicle.propulsion.dead_band_n.get(), &vehicle.allocation),
             limits: &trial.safety.controller,
             fallback: &trial.safety.fallback,
             dt_s,
         })
-        .map_err(wrong(format!("controller {:?}", trial.controller_name)))?;
+        .map_err(wrong(&trial.places.controller))?;
         let watched = Watched {
             mode: None,
             reason: guidance.reason(),
@@ -144,6 +151,8 @@ impl Twin {
             reference: Wire::default(),
             thrust: Wire::default(),
             wrench_request: Wire::default(),
+            requesting: None,
+            operator_lost_until: 0,
             digests: [0; 4],
             run_digest: RunDigest::default(),
             events: ArrayVec::new(),
@@ -162,31 +171,47 @@ impl Twin {
             Command::Estimator(command) => self.estimator.command(tick, command),
             Command::Guidance(command) => self.guidance.command(tick, command),
             Command::Controller(command) => self.controller.command(tick, command),
-            Command::Link(LinkCommand::Withhold { wire, for_s }) => {
-                if !(*for_s >= 0.0 && for_s.is_finite()) {
-                    return Err(Refusal(format!("withhold.for_s = {for_s}: must be zero or positive, and finite")));
-                }
-                let until = tick.k + Tick::at_or_after(*for_s, tick.dt_s);
+            Command::Link(command) => self.link(tick, command),
+        }
+    }
+
+    fn link(&mut self, tick: Tick, command: &LinkCommand) -> Result<(), Refusal> {
+        let until = |for_s: f64| {
+            if for_s >= 0.0 && for_s.is_finite() {
+                Ok(tick.k + Tick::at_or_after(for_s, tick.dt_s))
+            } else {
+                Err(Refusal(format!("for_s = {for_s}: must be zero or positive, and finite")))
+            }
+        };
+        match command {
+            LinkCommand::Withhold { wire, for_s } => {
+                let until = until(*for_s)?;
                 match wire {
                     WireName::Measurements => self.measurements.cut_until(until),
                     WireName::Nav => self.nav.cut_until(until),
                     WireName::Reference => self.reference.cut_until(until),
                     WireName::Thrust => self.thrust.cut_until(until),
                 }
-                Ok(())
+            }
+            LinkCommand::OperatorLostForS(for_s) => self.operator_lost_until = until(*for_s)?,
+            LinkCommand::WrenchRequest { request, for_s } => {
+                if !request.to_array().iter().flatten().all(|force| force.is_finite()) {
+                    return Err(Refusal("wrench_request: every force must be finite".to_owned()));
+                }
+                self.requesting = Some((until(*for_s)?, request.clone()));
             }
         }
-    }
-
-    /// A wrench from outside, for the law `external`, made at this tick.
-    pub fn request_wrench(&mut self, tick: Tick, request: WrenchRequest) {
-        self.wrench_request.send(tick.k, request);
+        Ok(())
     }
 
     /// One lap: the block diagram, read top to bottom.
     pub fn step(&mut self, tick: Tick) {
         let k = tick.k;
         let before = k.checked_sub(1);
+        if let Some((_, request)) = self.requesting.as_ref().filter(|(until, _)| k < *until) {
+            self.wrench_request.send(k, request.clone());
+        }
+        let operator = if k < self.operator_lost_until { OperatorLink::Lost } else { OperatorLink::Present };
         let measurements = self.plant.step(tick, Prev(self.thrust.receive(before)));
         self.measurements.send(k, measurements);
 
@@ -199,8 +224,7 @@ impl Twin {
         );
         self.nav.send(k, nav);
 
-        let reference =
-            self.guidance.step(tick, GuidanceInput { nav: self.nav.receive(Some(k)), operator: OperatorLink::Present });
+        let reference = self.guidance.step(tick, GuidanceInput { nav: self.nav.receive(Some(k)), operator });
         self.reference.send(k, reference);
 
         let thrust = self.controller.step(

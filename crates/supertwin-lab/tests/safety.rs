@@ -137,3 +137,65 @@ fn handing_over_to_another_law_does_not_jump() {
     };
     assert!(error(55.0, 70.0) < 0.7 * error(35.0, 50.0), "and the better law takes effect");
 }
+
+fn with_step(base: &[&str], step: &str) -> ResolvedTrial {
+    let mut trial = load("fair", base);
+    trial.trial.mission.push(toml::from_str(step).expect("a legal step"));
+    trial
+}
+
+#[test]
+fn without_an_operator_guidance_holds_and_goes_on_when_there_is_one() {
+    let base = &["trial.controllers=[\"gsta-tuned\"]", "trial.duration_s=70.0"];
+    let trial = with_step(base, "at_s = 40.0\ncommand.link.operator_lost_for_s = 10.0");
+    let velocity = heard(&trial, "guidance/reference/velocity");
+    assert!(between(&velocity, 44.0, 50.0).iter().all(|row| row[1].abs() < 0.01), "held");
+    assert!(between(&velocity, 55.0, 60.0).iter().all(|row| row[1] > 0.1), "and travels again");
+    assert!(velocity.events.iter().any(|event| event.text == "operator_lost"));
+}
+
+#[test]
+fn an_external_controller_steers_the_axes_it_asks_for_and_hands_them_back() {
+    let base = &["trial.controllers=[\"external\"]", "trial.duration_s=60.0"];
+    let step = "at_s = 30.0\ncommand.link.wrench_request = { request = { sway_n = 25.0 }, for_s = 5.0 }";
+    let requested = heard(&with_step(base, step), "controller/thrust/requested");
+    assert!(between(&requested, 30.0, 35.0).iter().all(|row| row[1] == 25.0), "sway is the external controller's");
+    assert!(between(&requested, 30.0, 35.0).iter().any(|row| row[2] != 0.0), "heave stays with the substitute");
+    assert!(
+        between(&requested, 36.0, 40.0).iter().all(|row| row[1] != 25.0),
+        "half a second later sway is handed back"
+    );
+}
+
+#[test]
+fn a_vehicle_that_is_too_deep_can_be_called_back_by_a_ramp() {
+    let base = &["trial.controllers=[\"gsta-tuned\"]", "trial.start.depth_m=20.0", "trial.duration_s=60.0"];
+    let step = "at_s = 1.0\ncommand.guidance.depth_m = { ramp = { to = 4.0, over_s = 20.0 } }";
+    let mut trial = with_step(base, step);
+    trial.trial.mission.retain(|step| step.at_s.get() > 0.5 || !format!("{:?}", step.command).contains("DepthM"));
+    let run = outcome(&trial, 1);
+    assert!(run.refused.is_empty(), "{:?}", run.refused);
+    let depth = heard(&trial, "tracking/depth");
+    // At its largest rate of 0.22 m/s the reference has risen by more than twelve metres.
+    assert!(depth.rows.last().is_some_and(|(_, row)| row[1] < 8.0), "{:?}", depth.rows.last());
+}
+
+#[test]
+fn a_run_that_breaks_says_what_broke_in_its_recording() {
+    // A tick of one second is far beyond the stability of the loop.
+    let trial = load("paper-pid", &["trial.tick_s=1.0"]);
+    let mut listener = Listener::to("tracking/depth");
+    let error = run(&trial, 1, &mut listener, Some(&Properties::new()), |_| true).expect_err("NaN");
+    let last = listener.events.last().expect("an event");
+    assert_eq!((last.severity, last.text.as_ref()), (Severity::Error, error.to_string().as_str()));
+    assert_eq!(listener.results.expect("finished")["complete"], 0u64.into());
+}
+
+#[test]
+fn a_command_after_the_end_is_named_as_never_applied() {
+    let trial = load("paper-pid", &["trial.duration_s=30.0"]);
+    let listener = heard(&trial, "tracking/depth");
+    let last = listener.events.last().expect("an event");
+    assert!(last.text.contains("never applied, 71 s is after the end"), "{last:?}");
+    assert_eq!(listener.results.expect("finished")["warnings"], 1u64.into());
+}

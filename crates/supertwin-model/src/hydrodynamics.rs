@@ -105,6 +105,13 @@ impl From<&HydrodynamicsConfig> for Hydrodynamics {
 }
 
 impl Hydrodynamics {
+    /// Unit inertia, no damping, no buoyancy: for checks that no vehicle matters to.
+    #[must_use]
+    pub fn unit() -> Self {
+        let (one, none) = (Vector4::repeat(1.0), Vector4::zeros());
+        Self { M: one, M_inv: one, D_l: none, D_q: none, g: none }
+    }
+
     /// The diagonal of `M = M_RB + M_A`, in kg and kg m².
     #[must_use]
     pub fn M(&self) -> Vector4<f64> {

@@ -34,3 +34,14 @@ pub struct TetherConfig {
     /// Time after which the correlation has fallen to 1/e.
     pub correlation_time_s: Positive,
 }
+
+impl EnvironmentConfig {
+    /// # Errors
+    /// When pieces that are legal alone do not fit together.
+    pub fn check(&self) -> Result<(), String> {
+        if self.waves.band.low() <= 0.0 {
+            return Err(format!("waves.band: {} must be positive", self.waves.band.low()));
+        }
+        crate::cage::Cage::new(&self.cage, 0).map(drop)
+    }
+}

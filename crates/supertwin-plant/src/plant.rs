@@ -42,6 +42,24 @@ pub struct StartConfig {
     pub heading_offset_rad: Draw,
 }
 
+impl StartConfig {
+    /// # Errors
+    /// When the vehicle would start outside the pen or out of the water.
+    pub fn check(&self, radius_m: f64) -> Result<(), String> {
+        let (near, far) = self.net_distance_m.range();
+        if !(near > 0.0 && far < radius_m) {
+            return Err(format!(
+                "start.net_distance_m = [{near}, {far}]: must lie between 0 and the pen's radius {radius_m}"
+            ));
+        }
+        let (shallow, _) = self.depth_m.range();
+        if shallow < 0.0 {
+            return Err(format!("start.depth_m = {shallow}: must be zero or positive"));
+        }
+        Ok(())
+    }
+}
+
 /// Everything a plant is made of.
 #[derive(Clone, Debug)]
 pub struct PlantConfig<'a> {
@@ -253,6 +271,7 @@ impl Plant {
         truth.heading_rad = x[3];
         truth.velocity = [x[4], x[5], x[6], x[7]].into();
         truth.water_velocity = [water.x, water.y, water.z, 0.0].into();
+        truth.current_m_per_s = (*current).into();
         truth.net_distance_m = net_distance_m;
         truth.net_heading_rad = libm::atan2(east, north);
         truth.disturbance = (*disturbance).into();

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
-use supertwin_core::check::{NonNegative, Positive};
+use supertwin_core::check::{Interval, NonNegative, Positive};
 use supertwin_core::random::{Draw, Stream};
 
 /// Number of regular components.
@@ -24,7 +24,7 @@ pub struct WavesConfig {
     /// Direction towards which the waves travel, from North; a range is drawn from per seed.
     pub direction_rad: Draw,
     /// Band of frequencies, as multiples of the peak frequency.
-    pub band: [Positive; 2],
+    pub band: Interval,
 }
 
 /// The sea at the vehicle.
@@ -84,7 +84,7 @@ impl Waves {
         let mut stream = Stream::new(seed, "waves");
         let direction = libm::sincos(config.direction_rad.sample(&mut stream));
         let omega_peak = core::f64::consts::TAU / config.peak_period_s.get();
-        let [low, high] = config.band.map(Positive::get);
+        let (low, high) = (config.band.low(), config.band.high());
         let bin = (high - low) / COMPONENTS as f64;
         let x: [f64; COMPONENTS] = core::array::from_fn(|j| low + bin * (j as f64 + stream.uniform(0.0, 1.0)));
         let phase = core::array::from_fn(|_| stream.uniform(0.0, core::f64::consts::TAU));
@@ -196,7 +196,7 @@ mod tests {
             peak_period_s: positive(5.0),
             peak_enhancement: positive(3.3),
             direction_rad: Draw::fixed(0.4),
-            band: [positive(0.6), positive(2.6)],
+            band: Interval::try_from([0.6, 2.6]).expect("in order"),
         }
     }
 

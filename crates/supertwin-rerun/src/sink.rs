@@ -511,7 +511,7 @@ mod tests {
 
     #[test]
     fn a_full_disk_is_heard_before_the_end_of_a_long_run() {
-        let mut sink = onto(Small(150_000), 10);
+        let mut sink = onto(Small(2_000_000), 10);
         sink.begin(&RunHeader { name: "run".to_owned(), ..Default::default() }).unwrap();
         let stopped = (0..1_000_000).find(|&k| {
             let refused = sink.tick(Tick { k, dt_s: 0.02 }).is_err();

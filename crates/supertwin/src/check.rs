@@ -7,7 +7,10 @@ use serde::de::DeserializeOwned;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use supertwin_lab::config::Loaded;
-use supertwin_lab::trial::{self, SafetyConfig, VehicleConfig};
+use supertwin_lab::trial::{
+    self, ControllerConfig, EnvironmentConfig, EstimatorConfig, GuidanceConfig, SafetyConfig, SensorsConfig,
+    VehicleConfig,
+};
 use supertwin_lab::{ConfigError, Library};
 use toml::{Table, Value};
 
@@ -68,37 +71,47 @@ fn all(library: &Library) -> Vec<PathBuf> {
 /// Reads a file as what its folder says it is; a trial with everything it names.
 fn understand(file: &Path, library: &Library) -> Result<Table, ConfigError> {
     let name = file.display().to_string();
-    let name = if name.contains(std::path::MAIN_SEPARATOR) { name } else { format!("./{name}") };
+    // A bare word is a trial, as for `run`.
+    let bare = !name.contains(std::path::MAIN_SEPARATOR) && !name.ends_with(".toml");
+    let name = if bare || name.contains(std::path::MAIN_SEPARATOR) { name } else { format!("./{name}") };
     let folder = std::path::absolute(file)
         .ok()
         .and_then(|path| Some(path.parent()?.file_name()?.to_string_lossy().into_owned()))
         .unwrap_or_default();
     let section = FOLDERS.iter().find(|(known, _)| *known == folder).map_or("trial", |(_, section)| section);
     Ok(match section {
-        "vehicle" => table::<VehicleConfig>(library, section, &name)?,
-        "environment" => table::<supertwin_lab::trial::EnvironmentConfig>(library, section, &name)?,
-        "sensors" => table::<supertwin_lab::trial::SensorsConfig>(library, section, &name)?,
-        "estimator" => table::<supertwin_lab::trial::EstimatorConfig>(library, section, &name)?,
-        "guidance" => table::<supertwin_lab::trial::GuidanceConfig>(library, section, &name)?,
-        "safety" => table::<SafetyConfig>(library, section, &name)?,
-        "controller" => table::<supertwin_lab::trial::ControllerConfig>(library, section, &name)?,
-        _ => {
-            let resolved = trial::load(library, &name)?;
-            let mut whole = Table::new();
-            for one in resolved {
-                let table: Table = supertwin_lab::config::parse(&name, &one.text)?;
-                for (key, value) in table {
-                    let key = if key == "controller" { format!("controller {}", one.controller_name) } else { key };
-                    whole.insert(key, value);
-                }
-            }
-            whole
-        }
+        _ if bare => whole_trial(library, &name)?,
+        "vehicle" => table(library, section, &name, VehicleConfig::check)?,
+        "environment" => table(library, section, &name, EnvironmentConfig::check)?,
+        "sensors" => table(library, section, &name, SensorsConfig::check)?,
+        "estimator" => table(library, section, &name, |_: &EstimatorConfig| Ok(()))?,
+        "guidance" => table(library, section, &name, GuidanceConfig::check)?,
+        "safety" => table(library, section, &name, |_: &SafetyConfig| Ok(()))?,
+        "controller" => table(library, section, &name, |config: &ControllerConfig| config.law.check())?,
+        _ => whole_trial(library, &name)?,
     })
 }
 
-fn table<T: DeserializeOwned>(library: &Library, section: &str, name: &str) -> Result<Table, ConfigError> {
+fn whole_trial(library: &Library, name: &str) -> Result<Table, ConfigError> {
+    let mut whole = Table::new();
+    for one in trial::load(library, name)? {
+        let table: Table = supertwin_lab::config::parse(name, &one.text)?;
+        for (key, value) in table {
+            let key = if key == "controller" { format!("controller {}", one.controller_name) } else { key };
+            whole.insert(key, value);
+        }
+    }
+    Ok(whole)
+}
+
+fn table<T: DeserializeOwned>(
+    library: &Library,
+    section: &str,
+    name: &str,
+    check: impl Fn(&T) -> Result<(), String>,
+) -> Result<Table, ConfigError> {
     let loaded: Loaded<T> = library.load(section, "", name)?;
+    trial::fits(&loaded.path, check(&loaded.value))?;
     Ok(loaded.table)
 }
 
@@ -133,7 +146,7 @@ fn flatten(path: &str, value: &Value, rows: &mut Vec<(String, String)>) {
 
 /// The unit that the last word of a path carries.
 fn unit(path: &str) -> String {
-    const UNITS: [(&str, &str); 34] = [
+    const UNITS: &[(&str, &str)] = &[
         ("_n_s2_per_m2", "N s²/m²"),
         ("_nm_s2_per_rad2", "N m s²/rad²"),
         ("_n_s_per_m", "N s/m"),
@@ -168,6 +181,31 @@ fn unit(path: &str) -> String {
         ("kp.heave", "N/m"),
         ("kp.yaw", "N m/rad"),
         ("dvl.std", "m/s"),
+        ("depth.std", "m"),
+        ("compass.std", "rad"),
+        ("gyro.std", "rad/s"),
+        ("ki.surge", "N/m"),
+        ("ki.sway", "N/m"),
+        ("ki.heave", "N/(m s)"),
+        ("ki.yaw", "N m/(rad s)"),
+        ("kd.surge", "N s²/m"),
+        ("kd.sway", "N s²/m"),
+        ("kd.heave", "N s/m"),
+        ("kd.yaw", "N m s/rad"),
+        ("lambda.surge", "N/s"),
+        ("lambda.sway", "N/s"),
+        ("lambda.heave", "N/s"),
+        ("lambda.yaw", "N m/s"),
+        ("k1_initial.surge", "N/√σ"),
+        ("k1_initial.sway", "N/√σ"),
+        ("k1_initial.heave", "N/√σ"),
+        ("k1_initial.yaw", "N m/√σ"),
+        ("velocity.max_rate", "m/s²"),
+        ("velocity.max_acceleration", "m/s³"),
+        ("reference.depth.max_rate", "m/s"),
+        ("reference.depth.max_acceleration", "m/s²"),
+        ("heading.max_rate", "rad/s"),
+        ("heading.max_acceleration", "rad/s²"),
     ];
     UNITS.iter().find(|(suffix, _)| path.ends_with(suffix)).map_or_else(String::new, |(_, unit)| (*unit).to_owned())
 }

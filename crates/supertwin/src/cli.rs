@@ -26,7 +26,11 @@ impl Cli {
     pub(crate) fn library(&self) -> Library {
         let here = PathBuf::from("config");
         let root = self.config.clone().unwrap_or_else(|| {
-            if here.is_dir() { here } else { PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../config")) }
+            if here.join("trials").is_dir() {
+                here
+            } else {
+                PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../../config"))
+            }
         });
         Library::new(root, self.set.clone())
     }

@@ -13,7 +13,7 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use supertwin_core::run::Properties;
-use supertwin_core::{NoSink, RunSink};
+use supertwin_core::{Event, NoSink, RunSink};
 use supertwin_lab::run::run_name;
 use supertwin_lab::{Library, ResolvedTrial, RunError, RunOutcome, Scores, trial};
 use supertwin_rerun::{Options, RerunSink};
@@ -38,10 +38,13 @@ pub(crate) struct Done {
     pub(crate) ticks: u64,
     pub(crate) complete: bool,
     pub(crate) warnings: u64,
+    pub(crate) refused: Vec<Event>,
     pub(crate) wall_s: f64,
     pub(crate) real_time_factor: f64,
     pub(crate) recording: Option<PathBuf>,
     pub(crate) scores: Scores,
+    #[serde(skip)]
+    pub(crate) tick_s: f64,
     #[serde(skip)]
     pub(crate) paper: Option<supertwin_lab::paper::PaperColumn>,
 }
@@ -63,6 +66,7 @@ pub(crate) fn run(arguments: &RunArguments, library: &Library) -> Result<ExitCod
     for name in names {
         trials.extend(trial::load(library, name)?);
     }
+    library.all_used(&trials)?;
     let mut jobs = jobs(arguments, trials)?;
     if !arguments.no_record {
         let folder = create_folder(arguments.out.as_deref())?;
@@ -106,8 +110,16 @@ pub(crate) fn run(arguments: &RunArguments, library: &Library) -> Result<ExitCod
     }
     let interrupted = stop.load(Ordering::Relaxed);
     report(&done, arguments.json, wall_s)?;
+    for run in &done {
+        for event in &run.refused {
+            let t_s = event.tick as f64 * run.tick_s;
+            output::warn(&format!("warning: {} seed {} at {t_s:.2} s: {}", run.trial, run.seed, event.text));
+        }
+    }
     if interrupted {
-        output::warn(&format!("interrupted: {} of {} runs, recordings are closed", done.len(), jobs.len()));
+        let complete = done.iter().filter(|run| run.complete).count();
+        let closed = if arguments.no_record { "" } else { "; the recordings are closed and readable" };
+        output::warn(&format!("interrupted: {complete} of {} runs complete{closed}", jobs.len()));
     }
     let mut failures = failures.into_iter();
     if let Some(first) = failures.next() {
@@ -123,7 +135,9 @@ fn jobs(arguments: &RunArguments, trials: Vec<ResolvedTrial>) -> Result<Vec<Job>
     let mut jobs: Vec<Job> = Vec::new();
     for trial in trials {
         let first = arguments.seed.unwrap_or(trial.trial.seed);
-        for seed in first..first.saturating_add(arguments.seeds.unwrap_or(1)) {
+        let last = first.checked_add(arguments.seeds.unwrap_or(1) - 1);
+        let last = last.ok_or_else(|| Failure::Call(format!("seeds from {first} on: there are not that many")))?;
+        for seed in first..=last {
             let name = run_name(&trial, seed);
             if jobs.iter().any(|job| job.seed == seed && run_name(&job.trial, job.seed) == name) {
                 return Err(Failure::Call(format!("run {name} is asked for twice: name every trial once")));
@@ -195,10 +209,12 @@ fn one(job: &Job, options: &Options, stop: &AtomicBool, progress: &ProgressBar) 
         ticks: outcome.ticks,
         complete: outcome.complete,
         warnings: outcome.warnings,
+        refused: outcome.refused,
         wall_s,
         real_time_factor: simulated_s / wall_s,
         recording: job.recording.clone(),
         scores: outcome.scores,
+        tick_s: job.trial.trial.tick_s.get(),
         paper: job.trial.trial.paper_column,
     }))
 }
@@ -228,16 +244,19 @@ fn report(done: &[Done], json: bool, wall_s: f64) -> Result<(), Failure> {
         output::print(&text);
         return Ok(());
     }
-    if done.is_empty() {
+    // A run that was interrupted has no scores to compare.
+    let complete: Vec<&Done> = done.iter().filter(|run| run.complete).collect();
+    if complete.is_empty() {
         return Ok(());
     }
-    output::print(&tables::scores(done));
+    output::print(&tables::scores(&complete));
     let simulated_s: f64 = done.iter().map(|run| run.wall_s * run.real_time_factor).sum();
     let warnings: u64 = done.iter().map(|run| run.warnings).sum();
     output::print(&format!(
-        "{} runs, {simulated_s:.0} s simulated in {wall_s:.2} s: {:.0} times real time; {warnings} warnings in the events.",
-        done.len(),
-        simulated_s / wall_s
+        "{}, {simulated_s:.0} s simulated in {wall_s:.2} s: {:.0} times real time; {} in the events.",
+        count(done.len() as u64, "run"),
+        simulated_s / wall_s,
+        count(warnings, "warning")
     ));
     if let [only] = done {
         output::print(&format!("State hash {}.", only.hash));
@@ -251,4 +270,9 @@ fn report(done: &[Done], json: bool, wall_s: f64) -> Result<(), Failure> {
         ));
     }
     Ok(())
+}
+
+/// `1 run`, `2 runs`.
+fn count(n: u64, what: &str) -> String {
+    format!("{n} {what}{}", if n == 1 { "" } else { "s" })
 }

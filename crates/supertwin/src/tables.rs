@@ -25,9 +25,9 @@ impl Group<'_> {
     }
 }
 
-fn groups(done: &[Done]) -> Vec<Group<'_>> {
+fn groups<'a>(done: &[&'a Done]) -> Vec<Group<'a>> {
     let mut groups: Vec<Group<'_>> = Vec::new();
-    for run in done {
+    for &run in done {
         let title = if run.trial.ends_with(&run.controller) {
             run.trial.clone()
         } else {
@@ -55,7 +55,7 @@ fn aligned(mut table: Table) -> String {
 }
 
 /// All tables as one text.
-pub(crate) fn scores(done: &[Done]) -> String {
+pub(crate) fn scores(done: &[&Done]) -> String {
     let groups = groups(done);
     let seeds = groups.iter().map(|group| group.runs.len()).max().unwrap_or(0);
     let over = if seeds > 1 { format!(", mean ± standard deviation over {seeds} seeds") } else { String::new() };

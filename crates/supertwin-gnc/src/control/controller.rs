@@ -97,6 +97,8 @@ pub struct Controller {
     fallback: Fallback,
     last_reference: Option<Reference>,
     neutral_demanded: bool,
+    /// Guidance has been heard.
+    spoken: bool,
     /// The law has not steered at the tick before and takes over from what was applied.
     taking_over: bool,
     status: Status,
@@ -129,6 +131,7 @@ impl Controller {
             fallback: Fallback::new(setup.fallback),
             last_reference: None,
             neutral_demanded: false,
+            spoken: false,
             taking_over: true,
             status: Status::Neutral,
             error: TrackingError::default(),
@@ -188,12 +191,18 @@ impl Block for Controller {
         };
         let status = match input.reference.within(tick, self.reference_limit) {
             Some(reference) if reference.mode == Mode::Neutral => {
+                self.spoken = true;
                 return self.idle(Status::Neutral);
             }
             Some(reference) => {
+                self.spoken = true;
                 self.error = TrackingError::new(nav, reference);
                 self.last_reference = Some(reference.clone());
                 Status::Tracking
+            }
+            // Who wanted no force and fell silent still wants none: there may be a diver beside the vehicle.
+            None if matches!(self.status, Status::Neutral | Status::EmergencyNeutral) && self.spoken => {
+                return self.idle(Status::Neutral);
             }
             None => {
                 if self.status != Status::Fallback {

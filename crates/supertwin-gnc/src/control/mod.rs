@@ -64,6 +64,14 @@ impl LawConfig {
         })
     }
 
+    /// Whether the law can be built at all; which vehicle it is for does not matter to that.
+    ///
+    /// # Errors
+    /// Names the value and the rule when parameters contradict each other.
+    pub fn check(&self) -> Result<(), String> {
+        self.build(&Hydrodynamics::unit()).map(drop)
+    }
+
     /// The arm's name.
     #[must_use]
     pub fn name(&self) -> &'static str {

@@ -91,3 +91,8 @@ pub(crate) fn errors(x1: [f64; 4], heave_rate: f64, yaw_rate: f64) -> TrackingEr
 pub(crate) fn input(error: &TrackingError) -> LawInput<'_> {
     LawInput { h_s: H_S, error, limited: [false; 4], request: None }
 }
+
+/// The Argus-Mini class's tolerance of allocation.
+pub(crate) fn tolerance() -> supertwin_gnc::AllocationConfig {
+    file("vehicles/argus-mini")["allocation"].clone().try_into().expect("a tolerance")
+}

@@ -5,7 +5,7 @@ use arrayvec::ArrayVec;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use supertwin_core::Tick;
-use supertwin_core::check::{Fraction, NonNegative, Positive};
+use supertwin_core::check::{AcuteAngle, Fraction, NonNegative, Positive};
 use supertwin_core::frame::Heading;
 use supertwin_core::message::DvlPing;
 use supertwin_core::random::Stream;
@@ -19,7 +19,7 @@ const MAX_UNDER_WAY: usize = 16;
 #[serde(deny_unknown_fields)]
 pub struct DvlConfig {
     /// Angle of the beams off the forward axis.
-    pub beam_angle_rad: Positive,
+    pub beam_angle_rad: AcuteAngle,
     /// Mean time between pings.
     pub ping_interval_s: Positive,
     /// Standard deviation of that time, as a share of it.

@@ -29,6 +29,22 @@ pub struct SensorsConfig {
     pub gyro: GyroConfig,
 }
 
+impl SensorsConfig {
+    /// # Errors
+    /// When ranges contradict each other.
+    pub fn check(&self) -> Result<(), String> {
+        let (min, max) = (self.dvl.min_range_m.get(), self.dvl.max_range_m.get());
+        if min >= max {
+            return Err(format!("dvl.min_range_m = {min}: must be less than dvl.max_range_m = {max}"));
+        }
+        let [low, high] = self.dvl.fish.range_factor.map(supertwin_core::check::Fraction::get);
+        if low > high {
+            return Err(format!("dvl.fish.range_factor = [{low}, {high}]: the first must not exceed the second"));
+        }
+        Ok(())
+    }
+}
+
 /// A fixed sampling period in whole ticks.
 #[derive(Clone, Copy, Debug)]
 struct Schedule {
