@@ -11,6 +11,7 @@ use rerun::{ComponentIdentifier, StoreKind};
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use supertwin_core::run::{Properties, Severity};
 use supertwin_core::{Event, Property};
@@ -91,12 +92,16 @@ pub fn read(path: &Path) -> Result<Recording, ReadError> {
     let failed = |error| ReadError::File { path: path.to_owned(), error };
     let file = File::open(path).map_err(failed)?;
     let mut recording = Recording { complete: is_closed(path).map_err(failed)?, ..Default::default() };
-    for message in DecoderApp::decode_lazy(BufReader::new(file)) {
-        let (store, message) = match message {
-            Ok(LogMsg::ArrowMsg(store, message)) => (store, message),
-            Ok(_) => continue,
+    let mut messages = DecoderApp::decode_lazy(BufReader::new(file));
+    loop {
+        // Arrow panics on a damaged schema. The decoder is not used again after that.
+        let next = catch_unwind(AssertUnwindSafe(|| messages.next()));
+        let (store, message) = match next {
+            Ok(None) => break,
+            Ok(Some(Ok(LogMsg::ArrowMsg(store, message)))) => (store, message),
+            Ok(Some(Ok(_))) => continue,
             // The tail is missing or damaged; what came before is good.
-            Err(_) => {
+            Ok(Some(Err(_))) | Err(_) => {
                 recording.complete = false;
                 break;
             }
