@@ -569,4 +569,11 @@ fn who_wanted_no_force_and_fell_silent_still_wants_none() {
     for k in 1..100 {
         assert_eq!(forces(&silent.step(&mut controller, k)), 0.0, "tick {k}");
     }
+    // Nor does a gap in navigation, or an emergency that is over, make it want some.
+    Inputs { nav: Input::Missing, ..silent }.step(&mut controller, 100);
+    assert_eq!(forces(&silent.step(&mut controller, 101)), 0.0);
+    for demanded in [true, false] {
+        controller.command(tick(102), &ControllerCommand::Neutral(demanded)).expect("always");
+        assert_eq!(forces(&silent.step(&mut controller, 102)), 0.0);
+    }
 }

@@ -97,8 +97,8 @@ pub struct Controller {
     fallback: Fallback,
     last_reference: Option<Reference>,
     neutral_demanded: bool,
-    /// Guidance has been heard.
-    spoken: bool,
+    /// The last that guidance said was that it wants no force.
+    wants_none: bool,
     /// The law has not steered at the tick before and takes over from what was applied.
     taking_over: bool,
     status: Status,
@@ -131,7 +131,7 @@ impl Controller {
             fallback: Fallback::new(setup.fallback),
             last_reference: None,
             neutral_demanded: false,
-            spoken: false,
+            wants_none: false,
             taking_over: true,
             status: Status::Neutral,
             error: TrackingError::default(),
@@ -191,19 +191,17 @@ impl Block for Controller {
         };
         let status = match input.reference.within(tick, self.reference_limit) {
             Some(reference) if reference.mode == Mode::Neutral => {
-                self.spoken = true;
+                self.wants_none = true;
                 return self.idle(Status::Neutral);
             }
             Some(reference) => {
-                self.spoken = true;
+                self.wants_none = false;
                 self.error = TrackingError::new(nav, reference);
                 self.last_reference = Some(reference.clone());
                 Status::Tracking
             }
             // Who wanted no force and fell silent still wants none: there may be a diver beside the vehicle.
-            None if matches!(self.status, Status::Neutral | Status::EmergencyNeutral) && self.spoken => {
-                return self.idle(Status::Neutral);
-            }
+            None if self.wants_none => return self.idle(Status::Neutral),
             None => {
                 if self.status != Status::Fallback {
                     // Taken, so that a later fallback does not speed up again to what was braked from.
