@@ -1,7 +1,7 @@
 //! What a mission file gives in advance and a client asks for at run time: the same types, the same refusals.
 
 use crate::message::{Direction, Mode, WrenchRequest};
-use crate::{Refusal, Tick};
+use crate::{ParameterChange, Refusal, Tick};
 use serde::{Deserialize, Deserializer, Serialize};
 
 /// A command for one of the services, or for the wires between them.
@@ -37,11 +37,13 @@ pub enum PlantCommand {
 }
 
 /// What can be asked of the estimator.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum EstimatorCommand {
     /// Forget everything and start from the next measurements.
     Restart,
+    /// Change one parameter.
+    Parameter(ParameterChange),
 }
 
 /// Set-points and modes.
@@ -60,6 +62,8 @@ pub enum GuidanceCommand {
     SpeedMPerS(Setpoint),
     /// Which way along the net.
     Direction(Direction),
+    /// Change one parameter.
+    Parameter(ParameterChange),
 }
 
 /// What can be asked of the controller.
@@ -70,6 +74,8 @@ pub enum ControllerCommand {
     Law(String),
     /// Emergency neutral: no force while true, whatever guidance wants.
     Neutral(bool),
+    /// Change one parameter, of the law in command or of the fallback; without a jump in the wrench.
+    Parameter(ParameterChange),
 }
 
 /// What happens on the wires.

@@ -49,6 +49,16 @@ impl<T> Input<T> {
     }
 }
 
+/// Whether somebody is in command.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum OperatorLink {
+    /// A mission, or an operator whose lease and liveliness stand.
+    #[default]
+    Present,
+    /// The operator is gone: hold depth and heading.
+    Lost,
+}
+
 /// z⁻¹: a value of the tick before. The only legal way to close the loop, hence visible in the types.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Prev<T>(pub T);

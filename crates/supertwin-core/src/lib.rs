@@ -3,6 +3,7 @@
 //! * [`Block`]: a discrete-time system `x⁺, y = f(x, u)`; four of them form the ring.
 //! * [`message`]: the values on the wires, each type with the key it travels on.
 //! * [`Input`] and [`Prev`]: what a block is handed, with its age; the one legal unit delay.
+//! * [`Port`] and [`Wired`]: where inputs arrive when they come over wires.
 //! * [`Observe`], [`Probe`], [`Signal`]: a quantity shows itself once, and every listener hears it.
 //! * [`RunSink`]: where a run is written to, without naming a file format.
 //!
@@ -17,15 +18,21 @@ pub mod frame;
 pub mod input;
 pub mod integrate;
 pub mod message;
+pub mod notice;
 pub mod observe;
+pub mod parameter;
+pub mod port;
 pub mod random;
 pub mod run;
 pub mod tick;
 
 pub use axes::{Axes, BodyAcceleration, BodyVelocity, Wrench};
 pub use block::{Block, Refusal};
-pub use input::{Input, Prev};
+pub use input::{Input, OperatorLink, Prev};
 pub use message::Message;
+pub use notice::{Notice, Notices, Watch};
 pub use observe::{Observe, Probe, Signal};
+pub use parameter::ParameterChange;
+pub use port::{Port, PortRule, Wired};
 pub use run::{Event, NoSink, Property, RunHeader, RunSink, SinkError};
 pub use tick::Tick;

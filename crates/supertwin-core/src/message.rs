@@ -492,6 +492,8 @@ pub struct Thrust {
     pub allocated: Wrench,
     /// Axes on which the two differ by more than the allocation's tolerance.
     pub limited: Axes<bool>,
+    /// Somebody demanded no force. A controller that starts anew takes this over from its predecessor.
+    pub emergency_neutral: bool,
 }
 
 static THRUST_FORCE: Signal = Signal {
@@ -518,6 +520,12 @@ static THRUST_LIMITED: Signal = Signal {
     units: &["flag"],
     about: "axes on which allocation changed the wrench",
 };
+static THRUST_EMERGENCY: Signal = Signal {
+    path: "controller/thrust/emergency_neutral",
+    components: &[],
+    units: &["flag"],
+    about: "somebody demanded no force",
+};
 
 impl Observe for Thrust {
     fn observe<P: Probe>(&self, probe: &mut P) {
@@ -525,6 +533,7 @@ impl Observe for Thrust {
         probe.vector(&THRUST_REQUESTED, &self.requested.to_array());
         probe.vector(&THRUST_ALLOCATED, &self.allocated.to_array());
         probe.vector(&THRUST_LIMITED, &self.limited.to_array().map(|flag| if flag { 1.0 } else { 0.0 }));
+        probe.scalar(&THRUST_EMERGENCY, f64::from(u8::from(self.emergency_neutral)));
     }
 }
 impl Message for Thrust {

@@ -111,6 +111,13 @@ impl Ekf {
         }
     }
 
+    /// Other parameters from now on; state and covariance stay.
+    pub fn retune(&mut self, config: &EkfConfig) {
+        self.q = config.process_noise.vector();
+        self.p0 = config.initial_variance.vector();
+        self.disturbance_rate = 1.0 / config.disturbance_time_s.get();
+    }
+
     /// Forgets everything; the state is zero, with its initial uncertainty.
     pub fn restart(&mut self) {
         self.x = State::zeros();

@@ -7,7 +7,11 @@ use serde::{Deserialize, Serialize};
 use supertwin_core::check::{NonNegative, Positive};
 use supertwin_core::command::EstimatorCommand;
 use supertwin_core::message::{DvlPing, Measurements, Nav, NavHealth, NavVariance, Thrust};
-use supertwin_core::{Block, Input, Observe, Prev, Probe, Refusal, Signal, Tick};
+use supertwin_core::port::PortVisitor;
+use supertwin_core::{
+    Block, Input, Notice, Notices, Observe, OperatorLink, Port, PortRule, Prev, Probe, Refusal, Signal, Tick, Wired,
+    parameter,
+};
 use supertwin_model::Hydrodynamics;
 
 /// An estimator file.
@@ -112,6 +116,7 @@ struct Counters {
 /// The estimator of one run.
 #[derive(Clone, Debug)]
 pub struct Estimator {
+    config: EstimatorConfig,
     ekf: Ekf,
     net_plane: NetPlane,
     trust: MeasurementConfig,
@@ -143,6 +148,7 @@ impl Estimator {
     ) -> Self {
         let ticks = |limit_s: NonNegative| Tick::at_or_after(limit_s.get(), dt_s);
         Self {
+            config: config.clone(),
             ekf: Ekf::new(&config.ekf, model),
             net_plane: NetPlane::new(&config.net_plane, beam_angle_rad),
             trust: config.measurement,
@@ -291,8 +297,60 @@ impl Block for Estimator {
     fn command(&mut self, _: Tick, command: &EstimatorCommand) -> Result<(), Refusal> {
         match command {
             EstimatorCommand::Restart => self.restart_requested = true,
+            EstimatorCommand::Parameter(change) => {
+                if change.path == "description" {
+                    return Err(Refusal("description: is no parameter".to_owned()));
+                }
+                let config: EstimatorConfig = parameter::changed(&self.config, change)?;
+                self.trust = config.measurement;
+                self.ekf.retune(&config.ekf);
+                self.net_plane.retune(&config.net_plane);
+                self.config = config;
+            }
         }
         Ok(())
+    }
+
+    fn notices(&self, out: Option<&Nav>) -> Notices {
+        // Before the first step nothing has been seen: what arrives is found, and only what goes again is lost.
+        let unseen = NavHealth { dead_reckoning: true, depth_lost: true, heading_lost: true, ..NavHealth::default() };
+        let health = out.map_or(unseen, |nav| nav.health);
+        Notices::from_iter([
+            Notice::either(!out.is_some_and(|nav| nav.net.valid), "net lost", "net found"),
+            Notice::either(health.dead_reckoning, "velocity lost: dead reckoning", "velocity found"),
+            Notice::either(health.depth_lost, "depth lost", "depth found"),
+            Notice::either(health.heading_lost, "heading lost", "heading found"),
+            Notice::either(health.thrust_unknown, "thrust unknown", "thrust known"),
+            Notice::either(health.restarted, "filter restarted", "filter running"),
+        ])
+    }
+
+    fn parameters(&self) -> serde_json::Value {
+        parameter::tree(&self.config)
+    }
+}
+
+/// The wires that end at the estimator.
+#[derive(Debug)]
+pub struct EstimatorPorts {
+    measurements: Port<Measurements>,
+    thrust: Port<Thrust>,
+}
+
+impl Wired for Estimator {
+    type Ports = EstimatorPorts;
+
+    fn ports() -> EstimatorPorts {
+        EstimatorPorts { measurements: Port::new(PortRule::EVERY), thrust: Port::new(PortRule::BEFORE) }
+    }
+
+    fn visit<V: PortVisitor>(ports: &mut EstimatorPorts, visitor: &mut V) {
+        visitor.port(&mut ports.measurements);
+        visitor.port(&mut ports.thrust);
+    }
+
+    fn input(ports: &EstimatorPorts, tick: Tick, _: OperatorLink) -> EstimatorInput<'_> {
+        EstimatorInput { measurements: ports.measurements.every(), thrust: Prev(ports.thrust.newest(tick.k)) }
     }
 }
 

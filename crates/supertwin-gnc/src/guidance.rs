@@ -6,7 +6,11 @@ use serde::{Deserialize, Serialize};
 use supertwin_core::check::{Interval, NonNegative, Positive};
 use supertwin_core::command::{GuidanceCommand, Setpoint, Trajectory};
 use supertwin_core::message::{Direction, Mode, Nav, Reference};
-use supertwin_core::{Block, Input, Observe, Probe, Refusal, Signal, Tick};
+use supertwin_core::port::PortVisitor;
+use supertwin_core::{
+    Block, Input, Notice, Notices, Observe, OperatorLink, Port, PortRule, Probe, Refusal, Signal, Tick, Wired,
+    parameter,
+};
 
 /// A guidance file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -89,15 +93,6 @@ impl GuidanceConfig {
     }
 }
 
-/// Whether somebody is in command.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum OperatorLink {
-    /// A mission, or an operator whose lease and liveliness stand.
-    Present,
-    /// The operator is gone: hold depth and heading.
-    Lost,
-}
-
 /// What guidance consumes.
 #[derive(Clone, Copy, Debug)]
 pub struct GuidanceInput<'a> {
@@ -139,6 +134,7 @@ impl Reason {
 /// The guidance of one run.
 #[derive(Clone, Debug)]
 pub struct Guidance {
+    config: GuidanceConfig,
     line_of_sight: LineOfSight,
     limits: SetpointLimits,
     nav_limit_ticks: u64,
@@ -170,6 +166,7 @@ impl Guidance {
     #[must_use]
     pub fn new(config: &GuidanceConfig, nav_limit_s: f64, dt_s: f64) -> Self {
         Self {
+            config: config.clone(),
             line_of_sight: LineOfSight { lookahead_m: config.lookahead_m.get(), port_sign: config.port_sign },
             limits: config.limits,
             nav_limit_ticks: Tick::at_or_after(nav_limit_s, dt_s),
@@ -262,6 +259,17 @@ impl Guidance {
         }
     }
 
+    /// Other parameters from now on; references go on from where they are.
+    fn retune(&mut self, config: GuidanceConfig) {
+        self.line_of_sight = LineOfSight { lookahead_m: config.lookahead_m.get(), port_sign: config.port_sign };
+        self.limits = config.limits;
+        self.surge.retune(&config.reference.velocity);
+        self.sway.retune(&config.reference.velocity);
+        self.depth.retune(&config.reference.depth);
+        self.heading.retune(&config.reference.heading);
+        self.config = config;
+    }
+
     fn rest(&mut self) {
         for model in [&mut self.surge, &mut self.sway, &mut self.depth, &mut self.heading] {
             let value = model.value;
@@ -328,6 +336,14 @@ impl Block for Guidance {
 
     fn command(&mut self, tick: Tick, command: &GuidanceCommand) -> Result<(), Refusal> {
         match *command {
+            GuidanceCommand::Parameter(ref change) => {
+                if change.path == "description" || change.path.starts_with("initial") {
+                    return Err(Refusal(format!("{}: only counts before the start", change.path)));
+                }
+                let config = parameter::changed(&self.config, change)?;
+                config.check().map_err(Refusal)?;
+                self.retune(config);
+            }
             GuidanceCommand::Mode(mode) => self.commanded = mode,
             GuidanceCommand::Direction(direction) => self.direction = direction,
             GuidanceCommand::DepthM(setpoint) => {
@@ -364,6 +380,38 @@ impl Block for Guidance {
             }
         }
         Ok(())
+    }
+
+    fn notices(&self, out: Option<&Reference>) -> Notices {
+        let mode = Notice::info(out.map_or("", |reference| reference.mode.name()));
+        let usual = matches!(self.reason, Reason::Commanded | Reason::WaitingForNav);
+        Notices::from_iter([mode, Notice::either(!usual, self.reason.name(), self.reason.name())])
+    }
+
+    fn parameters(&self) -> serde_json::Value {
+        parameter::tree(&self.config)
+    }
+}
+
+/// The wires that end at guidance.
+#[derive(Debug)]
+pub struct GuidancePorts {
+    nav: Port<Nav>,
+}
+
+impl Wired for Guidance {
+    type Ports = GuidancePorts;
+
+    fn ports() -> GuidancePorts {
+        GuidancePorts { nav: Port::new(PortRule::TRIGGER) }
+    }
+
+    fn visit<V: PortVisitor>(ports: &mut GuidancePorts, visitor: &mut V) {
+        visitor.port(&mut ports.nav);
+    }
+
+    fn input(ports: &GuidancePorts, tick: Tick, operator: OperatorLink) -> GuidanceInput<'_> {
+        GuidanceInput { nav: ports.nav.newest(tick.k), operator }
     }
 }
 

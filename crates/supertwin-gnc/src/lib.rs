@@ -17,4 +17,4 @@ pub mod reference_model;
 pub use allocation::{Allocation, AllocationConfig};
 pub use control::{Controller, ControllerConfig, ControllerInput, LawConfig};
 pub use estimator::{Estimator, EstimatorConfig, EstimatorInput};
-pub use guidance::{Guidance, GuidanceConfig, GuidanceInput, OperatorLink};
+pub use guidance::{Guidance, GuidanceConfig, GuidanceInput};

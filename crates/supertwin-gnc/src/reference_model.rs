@@ -50,6 +50,11 @@ impl ReferenceModel {
         }
     }
 
+    /// Other parameters from now on; value and rate stay.
+    pub fn retune(&mut self, config: &ReferenceModelConfig) {
+        *self = Self { value: self.value, rate: self.rate, acceleration: self.acceleration, ..Self::new(config) };
+    }
+
     /// At rest at `value`.
     pub fn hold(&mut self, value: f64) {
         (self.value, self.rate, self.acceleration) = (value, 0.0, 0.0);

@@ -9,11 +9,11 @@ use supertwin_core::frame::ssa;
 use supertwin_core::message::{Direction, Mode, Nav, NetEstimate, Reference};
 use supertwin_core::observe::Snapshot;
 use supertwin_core::random::Stream;
-use supertwin_core::{Block, Input};
+use supertwin_core::{Block, Input, OperatorLink};
 use supertwin_gnc::guidance::Reason;
 use supertwin_gnc::los::{LineOfSight, PortSign};
 use supertwin_gnc::reference_model::{ReferenceModel, ReferenceModelConfig};
-use supertwin_gnc::{Guidance, GuidanceInput, OperatorLink};
+use supertwin_gnc::{Guidance, GuidanceInput};
 
 /// Age at which navigation is too old, as in `safety/standard.toml`.
 const NAV_LIMIT_S: f64 = 0.5;

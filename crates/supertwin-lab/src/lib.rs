@@ -18,4 +18,4 @@ pub use config::{ConfigError, Library, Override};
 pub use run::{RunError, RunOutcome, run};
 pub use score::{Scores, Tracking};
 pub use trial::{ResolvedTrial, TrialConfig};
-pub use twin::Twin;
+pub use twin::{Blocks, Twin};

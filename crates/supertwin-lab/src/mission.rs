@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use supertwin_core::Tick;
 use supertwin_core::check::NonNegative;
-use supertwin_core::command::Command;
+use supertwin_core::command::{Command, ControllerCommand, EstimatorCommand, GuidanceCommand, PlantCommand};
 
 /// A command and its time.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -51,5 +51,42 @@ impl Mission {
     #[must_use]
     pub fn steps(&self) -> &[(u64, Command)] {
         &self.steps
+    }
+}
+
+/// A mission taken apart: each service plays its own part, at the same ticks.
+#[derive(Clone, Debug, Default)]
+pub struct Parts {
+    /// Faults.
+    pub plant: Vec<(u64, PlantCommand)>,
+    /// For the estimator.
+    pub estimator: Vec<(u64, EstimatorCommand)>,
+    /// Set-points and modes.
+    pub guidance: Vec<(u64, GuidanceCommand)>,
+    /// Laws, gains, neutral.
+    pub controller: Vec<(u64, ControllerCommand)>,
+}
+
+impl Parts {
+    /// # Errors
+    /// When the mission disturbs the wires, which only a batch run can do: over a network they are real.
+    pub fn of(mission: &Mission) -> Result<Self, String> {
+        let mut parts = Self::default();
+        for (tick, command) in mission.steps() {
+            match command.clone() {
+                Command::Plant(command) => parts.plant.push((*tick, command)),
+                Command::Estimator(command) => parts.estimator.push((*tick, command)),
+                Command::Guidance(command) => parts.guidance.push((*tick, command)),
+                Command::Controller(command) => parts.controller.push((*tick, command)),
+                Command::Link(_) => {
+                    return Err(
+                        "the mission has command.link, which disturbs wires in batch only; over a network cut \
+                                the real link"
+                            .to_owned(),
+                    );
+                }
+            }
+        }
+        Ok(parts)
     }
 }

@@ -111,6 +111,16 @@ pub struct SafetyConfig {
     pub controller: ControllerLimits,
     /// How the vehicle brakes when guidance is silent.
     pub fallback: FallbackConfig,
+    /// People and programs in command.
+    pub operator: OperatorLimits,
+}
+
+/// How long people and programs in command may be silent.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct OperatorLimits {
+    /// Between two samples of a streaming set-point (a joystick): after this the vehicle holds depth and heading.
+    pub setpoint_s: NonNegative,
 }
 
 /// Ages of the plant's inputs.

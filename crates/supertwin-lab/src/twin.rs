@@ -6,18 +6,15 @@ use crate::trial::ResolvedTrial;
 use crate::wire::Wire;
 use arrayvec::ArrayVec;
 use nalgebra::Vector4;
-use std::borrow::Cow;
 use std::path::Path;
 use supertwin_core::command::{Command, LinkCommand, Wire as WireName};
 use supertwin_core::digest::{DigestProbe, RunDigest, block_digest};
-use supertwin_core::message::{Measurements, Mode, Nav, NavHealth, Reference, Thrust, Truth, WrenchRequest};
+use supertwin_core::message::{Measurements, Nav, Reference, Thrust, Truth, WrenchRequest};
 use supertwin_core::observe::Snapshot;
 use supertwin_core::random::Stream;
-use supertwin_core::run::Severity;
-use supertwin_core::{Block, Event, Observe, Prev, Probe, Refusal, Signal, Tick};
-use supertwin_gnc::control::{ControllerSetup, Status};
-use supertwin_gnc::guidance::{GuidanceInput, OperatorLink, Reason};
-use supertwin_gnc::{Allocation, Controller, ControllerInput, Estimator, EstimatorInput, Guidance};
+use supertwin_core::{Block, Event, Observe, OperatorLink, Prev, Probe, Refusal, Signal, Tick, Watch};
+use supertwin_gnc::control::ControllerSetup;
+use supertwin_gnc::{Allocation, Controller, ControllerInput, Estimator, EstimatorInput, Guidance, GuidanceInput};
 use supertwin_model::{Hydrodynamics, Thrusters};
 use supertwin_plant::{Plant, PlantConfig};
 
@@ -53,7 +50,7 @@ pub struct Twin {
     run_digest: RunDigest,
     events: ArrayVec<Event, MAX_EVENTS>,
     events_dropped: u64,
-    watched: Watched,
+    watches: Watches,
 }
 
 /// The four messages of one tick.
@@ -69,17 +66,29 @@ pub struct Outputs<'a> {
     pub thrust: &'a Thrust,
 }
 
-/// Words and flags whose change is an event.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Watched {
-    mode: Option<Mode>,
-    reason: Reason,
-    status: Status,
-    health: NavHealth,
-    net_valid: bool,
+/// The four blocks of a trial, not yet wired.
+#[derive(Clone, Debug)]
+pub struct Blocks {
+    /// The truth.
+    pub plant: Plant,
+    /// Measurements into navigation.
+    pub estimator: Estimator,
+    /// Set-points into references.
+    pub guidance: Guidance,
+    /// References into thrust.
+    pub controller: Controller,
 }
 
-impl Twin {
+/// What each block last gave notice of.
+#[derive(Clone, Debug)]
+struct Watches {
+    plant: Watch,
+    estimator: Watch,
+    guidance: Watch,
+    controller: Watch,
+}
+
+impl Blocks {
     /// Builds the blocks of a trial for one seed. The nominal model is drawn from the stream `nominal`.
     ///
     /// # Errors
@@ -133,15 +142,24 @@ impl Twin {
             dt_s,
         })
         .map_err(wrong(&trial.places.controller))?;
-        let watched = Watched {
-            mode: None,
-            reason: guidance.reason(),
-            status: controller.status(),
-            // Nothing has been seen yet: what arrives is found, and only what goes again is lost.
-            health: NavHealth { dead_reckoning: true, depth_lost: true, heading_lost: true, ..NavHealth::default() },
-            net_valid: false,
-        };
+        Ok(Self { plant, estimator, guidance, controller })
+    }
+}
+
+impl Twin {
+    /// Builds the blocks of a trial for one seed and wires them.
+    ///
+    /// # Errors
+    /// When pieces that are legal alone do not fit together.
+    pub fn new(trial: &ResolvedTrial, seed: u64) -> Result<Self, ConfigError> {
+        let Blocks { plant, estimator, guidance, controller } = Blocks::new(trial, seed)?;
         Ok(Self {
+            watches: Watches {
+                plant: Watch::new(&plant),
+                estimator: Watch::new(&estimator),
+                guidance: Watch::new(&guidance),
+                controller: Watch::new(&controller),
+            },
             plant,
             estimator,
             guidance,
@@ -157,7 +175,6 @@ impl Twin {
             run_digest: RunDigest::default(),
             events: ArrayVec::new(),
             events_dropped: 0,
-            watched,
         })
     }
 
@@ -321,54 +338,14 @@ impl Twin {
 
     fn watch(&mut self, tick: Tick) {
         self.events.clear();
-        let Some(now) = self.outputs() else { return };
-        let next = Watched {
-            mode: Some(now.reference.mode),
-            reason: self.guidance.reason(),
-            status: self.controller.status(),
-            health: now.nav.health,
-            net_valid: now.nav.net.valid,
-        };
-        let was = core::mem::replace(&mut self.watched, next);
-        if was == next {
-            return;
-        }
-        if was.mode != next.mode {
-            self.happened(tick, "guidance", Severity::Info, next.mode.map_or("unknown", Mode::name));
-        }
-        if was.reason != next.reason {
-            let severity = if next.reason == Reason::Commanded { Severity::Info } else { Severity::Warning };
-            self.happened(tick, "guidance", severity, next.reason.name());
-        }
-        if was.status != next.status {
-            let usual = matches!(next.status, Status::Tracking | Status::Neutral);
-            let severity = if usual { Severity::Info } else { Severity::Warning };
-            self.happened(tick, "controller", severity, next.status.name());
-        }
-        if was.net_valid != next.net_valid {
-            let (severity, text) =
-                if next.net_valid { (Severity::Info, "net found") } else { (Severity::Warning, "net lost") };
-            self.happened(tick, "estimator", severity, text);
-        }
-        for (was, is, lost, found) in [
-            (was.health.dead_reckoning, next.health.dead_reckoning, "velocity lost: dead reckoning", "velocity found"),
-            (was.health.depth_lost, next.health.depth_lost, "depth lost", "depth found"),
-            (was.health.heading_lost, next.health.heading_lost, "heading lost", "heading found"),
-            (was.health.thrust_unknown, next.health.thrust_unknown, "thrust unknown", "thrust known"),
-            (was.health.restarted, next.health.restarted, "filter restarted", "filter running"),
-        ] {
-            if was != is {
-                let (severity, text) = if is { (Severity::Warning, lost) } else { (Severity::Info, found) };
-                self.happened(tick, "estimator", severity, text);
-            }
-        }
-    }
-
-    fn happened(&mut self, tick: Tick, service: &'static str, severity: Severity, text: &'static str) {
-        let event = Event { tick: tick.k, service: Cow::Borrowed(service), severity, text: Cow::Borrowed(text) };
-        if self.events.try_push(event).is_err() {
-            self.events_dropped += 1;
-        }
+        let (Some(measurements), Some(nav)) = (self.measurements.at_source(), self.nav.at_source()) else { return };
+        let (Some(reference), Some(thrust)) = (self.reference.at_source(), self.thrust.at_source()) else { return };
+        let (events, dropped) = (&mut self.events, &mut self.events_dropped);
+        let mut happened = |event| *dropped += u64::from(events.try_push(event).is_err());
+        self.watches.plant.after(tick, &self.plant, measurements, &mut happened);
+        self.watches.estimator.after(tick, &self.estimator, nav, &mut happened);
+        self.watches.guidance.after(tick, &self.guidance, reference, &mut happened);
+        self.watches.controller.after(tick, &self.controller, thrust, &mut happened);
     }
 }
 

@@ -13,8 +13,11 @@ use supertwin_core::command::PlantCommand;
 use supertwin_core::frame::{Heading, ssa};
 use supertwin_core::integrate::rk4;
 use supertwin_core::message::{Measurements, Thrust, Truth};
+use supertwin_core::port::{MessageVisitor, PortVisitor};
 use supertwin_core::random::{Draw, OrnsteinUhlenbeck, Stream};
-use supertwin_core::{Block, Input, Observe, Prev, Probe, Refusal, Signal, Tick};
+use supertwin_core::{
+    Block, Input, Notice, Notices, Observe, OperatorLink, Port, PortRule, Prev, Probe, Refusal, Signal, Tick, Wired,
+};
 use supertwin_model::{Hydrodynamics, Thrusters};
 
 /// Acceleration of gravity.
@@ -321,6 +324,10 @@ impl Block for Plant {
         }
     }
 
+    fn notices(&self, _: Option<&Measurements>) -> Notices {
+        Notices::from_iter([Notice::either(self.thrust_lost, "thrust lost: thrusters neutral", "thrust found")])
+    }
+
     fn command(&mut self, tick: Tick, command: &PlantCommand) -> Result<(), Refusal> {
         match command {
             PlantCommand::DvlSilentForS(for_s) if *for_s >= 0.0 && for_s.is_finite() => {
@@ -342,6 +349,33 @@ impl Block for Plant {
                 }
             }
         }
+    }
+}
+
+/// The wire that ends at the plant.
+#[derive(Debug)]
+pub struct PlantPorts {
+    thrust: Port<Thrust>,
+}
+
+impl Wired for Plant {
+    type Ports = PlantPorts;
+    const OWNS_TIME: bool = true;
+
+    fn ports() -> PlantPorts {
+        PlantPorts { thrust: Port::new(PortRule::BEFORE) }
+    }
+
+    fn visit<V: PortVisitor>(ports: &mut PlantPorts, visitor: &mut V) {
+        visitor.port(&mut ports.thrust);
+    }
+
+    fn input(ports: &PlantPorts, tick: Tick, _: OperatorLink) -> PlantInput<'_> {
+        Prev(ports.thrust.newest(tick.k))
+    }
+
+    fn asides<V: MessageVisitor>(&self, visitor: &mut V) {
+        visitor.message(&self.truth);
     }
 }
 

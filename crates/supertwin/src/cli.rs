@@ -1,6 +1,6 @@
 //! The command line's grammar.
 
-use clap::{Args, Parser, Subcommand};
+use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 use supertwin_lab::{Library, Override};
 
@@ -41,6 +41,10 @@ impl Cli {
 pub(crate) enum Verb {
     /// Run trials in one process, as fast as possible; record and score them
     Run(RunArguments),
+    /// All four services in one process, on Zenoh, with the router inside
+    Up(UpArguments),
+    /// One service, or the router, in this process
+    Serve(ServeArguments),
     /// Validate configuration files and print what was understood, with units
     Check(CheckArguments),
 }
@@ -109,4 +113,176 @@ pub(crate) struct CheckArguments {
     /// Print one JSON object instead of lines
     #[arg(long)]
     pub(crate) json: bool,
+}
+
+/// How to join the network.
+#[derive(Clone, Debug, Default, Args)]
+#[command(next_help_heading = "Network")]
+pub(crate) struct LinkArguments {
+    /// Zenoh configuration in JSON5 [default: the one of config/zenoh that fits]
+    #[arg(long, value_name = "FILE", env = "SUPERTWIN_ZENOH")]
+    pub(crate) zenoh: Option<PathBuf>,
+
+    /// Router to connect to, instead of the file's, e.g. tcp/192.168.2.2:7447; may be repeated
+    #[arg(long, value_name = "ENDPOINT", env = "SUPERTWIN_CONNECT", value_delimiter = ' ')]
+    pub(crate) connect: Vec<String>,
+
+    /// Where to listen, instead of the file's; may be repeated
+    #[arg(long, value_name = "ENDPOINT")]
+    pub(crate) listen: Vec<String>,
+
+    /// Replace one Zenoh setting, e.g. transport/link/tx/lease=1000; may be repeated
+    #[arg(long, value_name = "PATH=JSON5")]
+    pub(crate) zenoh_set: Vec<String>,
+
+    /// Name of the vehicle on the network [default: services: the trial's; tools: the only one that is up]
+    #[arg(long, value_name = "NAME", env = "SUPERTWIN_VEHICLE")]
+    pub(crate) vehicle: Option<String>,
+}
+
+/// How ticks follow each other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum PaceArgument {
+    /// By the wall clock
+    Realtime,
+    /// When all inputs of a tick are there: the same bits as `run`
+    Lockstep,
+}
+
+/// Services.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum Service {
+    /// The twin of the vehicle, its sensors and the sea; owns time
+    Plant,
+    /// Measurements into navigation
+    Estimator,
+    /// Set-points into references
+    Guidance,
+    /// References into thrust; keeps the authority
+    Controller,
+    /// The router that all others connect to
+    Router,
+}
+
+impl Service {
+    /// Its name in keys.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Plant => "plant",
+            Self::Estimator => "estimator",
+            Self::Guidance => "guidance",
+            Self::Controller => "controller",
+            Self::Router => "router",
+        }
+    }
+}
+
+/// What runs, and how.
+#[derive(Clone, Debug, Args)]
+pub(crate) struct PlacementArguments {
+    /// Trial: a name in config/trials, or a path
+    #[arg(long, value_name = "TRIAL", default_value = "paper-agsta")]
+    pub(crate) trial: String,
+
+    /// Which of the trial's controllers [default: its first]
+    #[arg(long, value_name = "NAME")]
+    pub(crate) controller: Option<String>,
+
+    /// Seed instead of the trial's own
+    #[arg(long, value_name = "N")]
+    pub(crate) seed: Option<u64>,
+
+    /// Real time or lock step
+    #[arg(long, value_enum, default_value = "realtime")]
+    pub(crate) pace: PaceArgument,
+
+    /// Times real time
+    #[arg(long, value_name = "FACTOR", default_value = "1", value_parser = positive)]
+    pub(crate) rtf: f64,
+
+    /// Simulated seconds [default: lock step: the trial's; real time: until it is stopped]
+    #[arg(long, value_name = "S", value_parser = positive)]
+    pub(crate) duration: Option<f64>,
+
+    /// Leave the trial's timed commands out and wait for clients
+    #[arg(long)]
+    pub(crate) no_mission: bool,
+
+    /// Name of the run; the plant's counts, the others adopt it [default: trial and a unique number]
+    #[arg(long, value_name = "NAME")]
+    pub(crate) run: Option<String>,
+
+    /// Telemetry at every n-th tick, 0 for none
+    #[arg(long, value_name = "N", default_value = "1")]
+    pub(crate) telemetry_every: u64,
+
+    /// Lock step: do not go on before this witness has seen each tick; may be repeated (plant only)
+    #[arg(long, value_name = "NAME")]
+    pub(crate) witness: Vec<String>,
+
+    /// Lock step: seconds to wait for the others before giving up
+    #[arg(long, value_name = "S", default_value = "10", value_parser = positive)]
+    pub(crate) patience: f64,
+
+    /// Print JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+
+    /// Lose this share of messages on purpose
+    #[arg(long, hide = true, default_value = "0")]
+    pub(crate) fault_drop: f64,
+
+    /// Send this share of messages twice on purpose
+    #[arg(long, hide = true, default_value = "0")]
+    pub(crate) fault_double: f64,
+
+    /// Seed of the two
+    #[arg(long, hide = true, default_value = "1")]
+    pub(crate) fault_seed: u64,
+}
+
+/// A finite number above zero.
+fn positive(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(number) if number > 0.0 && number.is_finite() => Ok(number),
+        Ok(number) => Err(format!("{number}: must be positive and finite")),
+        Err(error) => Err(error.to_string()),
+    }
+}
+
+/// Arguments of `up`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  supertwin up                                   the adaptive law on the paper's course, in real time
+  supertwin up --trial fair --controller pid-tuned --no-mission
+                                                 waits for commands: supertwin set mode follow_net
+  supertwin up --rtf 5                           five times real time
+  supertwin up --pace lockstep                   as fast as the processor, the same bits as `supertwin run`
+
+Exit status: 0 done or stopped, 1 the run could not go on, 2 the call is wrong, 130 a lock-step run was interrupted.")]
+pub(crate) struct UpArguments {
+    #[command(flatten)]
+    pub(crate) placement: PlacementArguments,
+    #[command(flatten)]
+    pub(crate) link: LinkArguments,
+}
+
+/// Arguments of `serve`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  supertwin serve router                         on the vehicle
+  supertwin serve plant &  supertwin serve estimator &  supertwin serve controller &
+  supertwin serve guidance --connect tcp/192.168.2.2:7447        topside
+  supertwin serve router --listen tcp/127.0.0.1:0 --json         says on which port
+
+Every service waits for its router, and joins again by itself after a cut.
+Exit status: 0 done or stopped, 1 the run could not go on, 2 the call is wrong, 130 a lock-step run was interrupted.")]
+pub(crate) struct ServeArguments {
+    /// Which
+    #[arg(value_enum)]
+    pub(crate) service: Service,
+    #[command(flatten)]
+    pub(crate) placement: PlacementArguments,
+    #[command(flatten)]
+    pub(crate) link: LinkArguments,
 }

@@ -28,6 +28,12 @@ pub(crate) enum Failure {
         /// Why.
         cause: String,
     },
+    /// The network can't be joined.
+    #[error(transparent)]
+    Link(#[from] supertwin_zenoh::LinkError),
+    /// A request was not obeyed.
+    #[error(transparent)]
+    Client(#[from] supertwin_zenoh::ClientError),
     /// The call itself is wrong.
     #[error("{0}")]
     Call(String),
@@ -38,7 +44,7 @@ impl Failure {
     pub(crate) fn report(&self) -> ExitCode {
         crate::output::warn(&format!("error: {self}"));
         match self {
-            Self::Run { cause: RunError::NonFinite(_), .. } => ExitCode::from(1),
+            Self::Run { cause: RunError::NonFinite(_), .. } | Self::Client(_) => ExitCode::from(1),
             _ => ExitCode::from(2),
         }
     }

@@ -5,10 +5,17 @@
 mod check;
 mod cli;
 mod clock;
+mod doctor;
 mod failure;
+mod operate;
 mod output;
+mod placement;
 mod run;
+mod serve;
 mod tables;
+mod top;
+mod verify;
+mod watch;
 
 use clap::Parser;
 use std::process::ExitCode;
@@ -17,6 +24,8 @@ fn main() -> ExitCode {
     let cli = cli::Cli::parse();
     let done = match &cli.verb {
         cli::Verb::Run(arguments) => run::run(arguments, &cli.library()),
+        cli::Verb::Up(arguments) => serve::up(arguments, &cli.library()),
+        cli::Verb::Serve(arguments) => serve::serve(arguments, &cli.library()),
         cli::Verb::Check(arguments) => check::check(arguments, &cli.library()),
     };
     match done {

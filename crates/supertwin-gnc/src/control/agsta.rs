@@ -160,6 +160,20 @@ impl Agsta {
         self.twisting.z = ahead.twisting.z;
     }
 
+    /// Takes over the adapted gains of `other`, up to the cap; where the initial gain was changed, it starts anew.
+    pub fn keep_adapted(&mut self, other: &Self) {
+        for i in 0..4 {
+            if self.k1_initial[i] == other.k1_initial[i] {
+                let k1 = other.twisting.k1[i].min(self.k1_cap[i]);
+                self.twisting.k1[i] = k1;
+                self.twisting.k2[i] = match self.second_gain {
+                    SecondGain::Algebraic => self.second(i, k1),
+                    SecondGain::Integrated => other.twisting.k2[i],
+                };
+            }
+        }
+    }
+
     /// Forgets integrator, filter and adapted gains.
     pub fn reset(&mut self) {
         self.twisting.reset();

@@ -8,7 +8,11 @@ use serde::{Deserialize, Serialize};
 use supertwin_core::check::NonNegative;
 use supertwin_core::command::ControllerCommand;
 use supertwin_core::message::{Mode, Nav, Reference, Thrust, WrenchRequest};
-use supertwin_core::{Block, Input, Observe, Prev, Probe, Refusal, Signal, Tick};
+use supertwin_core::port::PortVisitor;
+use supertwin_core::{
+    Block, Input, Notice, Notices, Observe, OperatorLink, Port, PortRule, Prev, Probe, Refusal, Signal, Tick, Wired,
+    parameter,
+};
 use supertwin_model::Hydrodynamics;
 
 /// How old inputs may get, in seconds.
@@ -85,10 +89,30 @@ impl Status {
     }
 }
 
+/// What may be changed while the controller runs.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Tunable {
+    /// The law in command, with its gains.
+    law: LawConfig,
+    /// How the vehicle brakes by itself.
+    fallback: FallbackConfig,
+}
+
+/// A law with the name and the parameters it runs with.
+#[derive(Clone, Debug)]
+struct Candidate {
+    name: String,
+    config: LawConfig,
+    law: Law,
+}
+
 /// The controller of one run.
 #[derive(Clone, Debug)]
 pub struct Controller {
-    laws: Vec<(String, Law)>,
+    laws: Vec<Candidate>,
+    model: Hydrodynamics,
+    fallback_config: FallbackConfig,
     active: usize,
     allocation: Allocation,
     nav_limit: u64,
@@ -96,6 +120,7 @@ pub struct Controller {
     request_limit: u64,
     fallback: Fallback,
     last_reference: Option<Reference>,
+    started: bool,
     neutral_demanded: bool,
     /// The last that guidance said was that it wants no force.
     wants_none: bool,
@@ -110,12 +135,13 @@ impl Controller {
     /// # Errors
     /// When there is no law, two have one name, or one can't be built.
     pub fn new(setup: &ControllerSetup<'_>) -> Result<Self, String> {
-        let mut laws: Vec<(String, Law)> = Vec::with_capacity(setup.laws.len());
+        let mut laws: Vec<Candidate> = Vec::with_capacity(setup.laws.len());
         for (name, config) in &setup.laws {
-            if laws.iter().any(|(other, _)| other == name) {
+            if laws.iter().any(|other| other.name == *name) {
                 return Err(format!("controller {name:?} is given twice: every law needs its own name"));
             }
-            laws.push((name.clone(), config.build(&setup.model)?));
+            let law = config.build(&setup.model)?;
+            laws.push(Candidate { name: name.clone(), config: (*config).clone(), law });
         }
         if laws.is_empty() {
             return Err("no controller given: there must be at least one".to_owned());
@@ -123,6 +149,8 @@ impl Controller {
         let ticks = |limit_s: NonNegative| Tick::at_or_after(limit_s.get(), setup.dt_s);
         Ok(Self {
             laws,
+            model: setup.model,
+            fallback_config: *setup.fallback,
             active: 0,
             allocation: setup.allocation.clone(),
             nav_limit: ticks(setup.limits.nav_s),
@@ -130,6 +158,7 @@ impl Controller {
             request_limit: ticks(setup.limits.wrench_request_s),
             fallback: Fallback::new(setup.fallback),
             last_reference: None,
+            started: false,
             neutral_demanded: false,
             wants_none: false,
             taking_over: true,
@@ -142,7 +171,7 @@ impl Controller {
     /// The law in command.
     #[must_use]
     pub fn law(&self) -> &Law {
-        &self.laws[self.active].1
+        &self.laws[self.active].law
     }
 
     /// What the controller is doing.
@@ -154,7 +183,26 @@ impl Controller {
     /// The name of the law in command.
     #[must_use]
     pub fn law_name(&self) -> &str {
-        &self.laws[self.active].0
+        &self.laws[self.active].name
+    }
+
+    fn tunable(&self) -> Tunable {
+        Tunable { law: self.laws[self.active].config.clone(), fallback: self.fallback_config }
+    }
+
+    /// Other parameters from now on: adapted gains are kept, and the law takes over from itself without a jump.
+    fn retune(&mut self, tunable: Tunable) -> Result<(), String> {
+        let active = &mut self.laws[self.active];
+        if active.config != tunable.law {
+            let mut law = tunable.law.build(&self.model)?;
+            law.keep_adapted(&active.law);
+            active.law = law;
+            active.config = tunable.law;
+            self.taking_over = true;
+        }
+        self.fallback.retune(&tunable.fallback);
+        self.fallback_config = tunable.fallback;
+        Ok(())
     }
 
     fn idle(&mut self, status: Status) -> Thrust {
@@ -172,6 +220,7 @@ impl Controller {
             requested: (*tau).into(),
             allocated: allocated.wrench.into(),
             limited: allocated.limited.into(),
+            emergency_neutral: self.neutral_demanded,
         }
     }
 }
@@ -183,6 +232,10 @@ impl Block for Controller {
     type Command = ControllerCommand;
 
     fn step(&mut self, tick: Tick, input: ControllerInput<'_>) -> Thrust {
+        if !core::mem::replace(&mut self.started, true) {
+            // A predecessor's emergency outlives it: only a command ends it.
+            self.neutral_demanded |= input.applied.0.newest().is_some_and(|thrust| thrust.emergency_neutral);
+        }
         if self.neutral_demanded {
             return self.idle(Status::EmergencyNeutral);
         }
@@ -218,7 +271,7 @@ impl Block for Controller {
             limited: applied.map_or([false; 4], |thrust| thrust.limited.to_array()),
             request: input.wrench_request.within(tick, self.request_limit),
         };
-        let (_, law) = &mut self.laws[self.active];
+        let law = &mut self.laws[self.active].law;
         if core::mem::take(&mut self.taking_over) {
             match applied {
                 Some(applied) => law.start_from(&law_input, &applied.allocated.vector()),
@@ -239,10 +292,17 @@ impl Block for Controller {
 
     fn command(&mut self, _: Tick, command: &ControllerCommand) -> Result<(), Refusal> {
         match command {
-            ControllerCommand::Neutral(neutral) => self.neutral_demanded = *neutral,
+            ControllerCommand::Parameter(change) => {
+                let tunable = parameter::changed(&self.tunable(), change)?;
+                self.retune(tunable).map_err(Refusal)?;
+            }
+            ControllerCommand::Neutral(neutral) => {
+                self.started = true;
+                self.neutral_demanded = *neutral;
+            }
             ControllerCommand::Law(name) => {
-                let Some(index) = self.laws.iter().position(|(other, _)| other == name) else {
-                    let known: Vec<&str> = self.laws.iter().map(|(name, _)| name.as_str()).collect();
+                let Some(index) = self.laws.iter().position(|other| other.name == *name) else {
+                    let known: Vec<&str> = self.laws.iter().map(|law| law.name.as_str()).collect();
                     return Err(Refusal(format!("law = {name:?}: must be one of {}", known.join(", "))));
                 };
                 if index != self.active {
@@ -252,6 +312,53 @@ impl Block for Controller {
             }
         }
         Ok(())
+    }
+
+    fn notices(&self, _: Option<&Thrust>) -> Notices {
+        let usual = matches!(self.status, Status::Tracking | Status::Neutral);
+        Notices::from_iter([Notice::either(!usual, self.status.name(), self.status.name())])
+    }
+
+    fn parameters(&self) -> serde_json::Value {
+        parameter::tree(&self.tunable())
+    }
+}
+
+/// The wires that end at the controller.
+#[derive(Debug)]
+pub struct ControllerPorts {
+    nav: Port<Nav>,
+    reference: Port<Reference>,
+    applied: Port<Thrust>,
+    wrench_request: Port<WrenchRequest>,
+}
+
+impl Wired for Controller {
+    type Ports = ControllerPorts;
+
+    fn ports() -> ControllerPorts {
+        ControllerPorts {
+            nav: Port::new(PortRule::TRIGGER),
+            reference: Port::new(PortRule::NEWEST),
+            applied: Port::new(PortRule::BEFORE),
+            wrench_request: Port::new(PortRule::OPTIONAL),
+        }
+    }
+
+    fn visit<V: PortVisitor>(ports: &mut ControllerPorts, visitor: &mut V) {
+        visitor.port(&mut ports.nav);
+        visitor.port(&mut ports.reference);
+        visitor.port(&mut ports.applied);
+        visitor.port(&mut ports.wrench_request);
+    }
+
+    fn input(ports: &ControllerPorts, tick: Tick, _: OperatorLink) -> ControllerInput<'_> {
+        ControllerInput {
+            nav: ports.nav.newest(tick.k),
+            reference: ports.reference.newest(tick.k),
+            applied: Prev(ports.applied.newest(tick.k)),
+            wrench_request: ports.wrench_request.newest(tick.k),
+        }
     }
 }
 

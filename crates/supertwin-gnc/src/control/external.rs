@@ -63,6 +63,13 @@ impl External {
         self.last = *wrench;
     }
 
+    /// See [`Law::keep_adapted`].
+    pub fn keep_adapted(&mut self, other: &Self) {
+        self.substitute.keep_adapted(&other.substitute);
+        self.outside = other.outside;
+        self.last = other.last;
+    }
+
     /// Forgets everything.
     pub fn reset(&mut self) {
         self.substitute.reset();

@@ -39,6 +39,14 @@ impl Fallback {
         }
     }
 
+    /// Other parameters from now on.
+    pub(super) fn retune(&mut self, config: &FallbackConfig) {
+        self.surge.retune(&config.velocity);
+        self.sway.retune(&config.velocity);
+        self.depth_rate.retune(&config.rate);
+        self.heading_rate.retune(&config.rate);
+    }
+
     /// Begins where the last reference led, or, without one, where the vehicle is.
     pub(super) fn begin(&mut self, last: Option<&Reference>, nav: &Nav) {
         self.reference = last.cloned().unwrap_or_else(|| Reference {

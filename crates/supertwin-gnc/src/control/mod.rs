@@ -132,6 +132,15 @@ impl Law {
         }
     }
 
+    /// Takes over what `other`, the same law with other parameters, has learned.
+    pub fn keep_adapted(&mut self, other: &Self) {
+        match (self, other) {
+            (Self::Agsta(law), Self::Agsta(other)) => law.keep_adapted(other),
+            (Self::External(law), Self::External(other)) => law.keep_adapted(other),
+            _ => {}
+        }
+    }
+
     /// Forgets integrators, filters and adapted gains.
     pub fn reset(&mut self) {
         match self {

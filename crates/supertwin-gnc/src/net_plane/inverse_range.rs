@@ -42,6 +42,11 @@ pub struct InverseRange {
 }
 
 impl InverseRange {
+    /// Other parameters from now on; the plane stays.
+    pub fn retune(&mut self, config: &InverseRangeConfig) {
+        self.config = *config;
+    }
+
     /// Without a plane yet.
     #[must_use]
     pub fn new(config: &InverseRangeConfig, array: SonarArray) -> Self {

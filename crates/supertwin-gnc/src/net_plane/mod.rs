@@ -54,6 +54,16 @@ impl NetPlane {
         }
     }
 
+    /// Other parameters from now on; the plane stays. The way itself can't change: every path names it.
+    pub fn retune(&mut self, config: &NetPlaneConfig) {
+        match (self, config) {
+            (Self::RateGated(fit), NetPlaneConfig::RateGated(config)) => fit.retune(config),
+            (Self::InverseRange(filter), NetPlaneConfig::InverseRange(config)) => filter.retune(config),
+            (Self::RateGated(_), NetPlaneConfig::InverseRange(_))
+            | (Self::InverseRange(_), NetPlaneConfig::RateGated(_)) => {}
+        }
+    }
+
     /// One tick without a ping: the plane moves as the vehicle does.
     pub fn predict(&mut self, velocity: &Vector3<f64>, yaw_rate_rad_per_s: f64, h_s: f64) {
         if let Self::InverseRange(filter) = self {

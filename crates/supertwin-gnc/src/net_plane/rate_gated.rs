@@ -38,6 +38,11 @@ pub struct RateGated {
 }
 
 impl RateGated {
+    /// Other parameters from now on; the plane stays.
+    pub fn retune(&mut self, config: &RateGatedConfig) {
+        self.config = *config;
+    }
+
     /// Without a plane yet.
     #[must_use]
     pub fn new(config: &RateGatedConfig, array: SonarArray) -> Self {

@@ -1,0 +1,114 @@
+//! The thread that drives hosts: takes what has arrived, lets each host do what it can, waits.
+
+use crate::clock::Clock;
+use crate::host::{Ending, Hosted};
+use crate::mailbox::{Arrival, Mailbox};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use supertwin_core::Tick;
+use supertwin_core::digest::RunDigest;
+
+/// Requests that are answered between two steps; the rest waits its turn.
+const REQUESTS_AT_ONCE: usize = 8;
+
+/// Hosts of one process on one thread.
+pub struct Engine {
+    hosts: Vec<Box<dyn Hosted>>,
+    mailbox: Arc<Mailbox>,
+    clock: Arc<dyn Clock>,
+    stop: Arc<AtomicBool>,
+    digest: RunDigest,
+    digested: u64,
+    tick_s: f64,
+}
+
+/// How a process ended.
+#[derive(Clone, Debug)]
+pub struct Finished {
+    /// Each service with its ending.
+    pub endings: Vec<(&'static str, Ending)>,
+    /// Hash of the run, when all four services ran here with their hashes kept.
+    pub digest: RunDigest,
+    /// Ticks of which all four hashes were there.
+    pub ticks: u64,
+}
+
+impl Engine {
+    /// An engine without hosts; it ends when `stop` is set and its mailbox woken.
+    #[must_use]
+    pub fn new(mailbox: Arc<Mailbox>, clock: Arc<dyn Clock>, stop: Arc<AtomicBool>, tick_s: f64) -> Self {
+        Self { hosts: Vec::new(), mailbox, clock, stop, digest: RunDigest::default(), digested: 0, tick_s }
+    }
+
+    /// Adds a host; its number in the mailbox must be its place here.
+    pub fn add(&mut self, host: Box<dyn Hosted>) {
+        self.hosts.push(host);
+    }
+
+    /// Number that the next host gets.
+    #[must_use]
+    pub fn next_index(&self) -> usize {
+        self.hosts.len()
+    }
+
+    /// Drives the hosts until all have ended. `look` is called after each round with the ticks that are complete.
+    pub fn run(mut self, mut look: impl FnMut(u64)) -> Finished {
+        while self.hosts.iter().any(|host| host.ending().is_none()) {
+            if self.stop.load(Ordering::Relaxed) {
+                self.hosts.iter_mut().for_each(|host| host.interrupt("interrupted"));
+                break;
+            }
+            let mut requests = 0;
+            while requests < REQUESTS_AT_ONCE {
+                match self.mailbox.take() {
+                    None => break,
+                    Some(Arrival::Wire(host, wire, payload)) => {
+                        if std::env::var("DBG").is_ok() {
+                            eprintln!("{:?} deliver {host} {wire} {}", self.clock.now(), payload.len());
+                        }
+                        self.hosts[host].deliver(wire, &payload)
+                    }
+                    Some(Arrival::Request(host, query)) => {
+                        requests += 1;
+                        self.hosts[host].request(query);
+                    }
+                }
+            }
+            let overflow = self.mailbox.overflow();
+            let mut busy = false;
+            for host in &mut self.hosts {
+                busy |= host.poll(overflow);
+            }
+            self.fold();
+            look(self.digested);
+            if !busy && self.hosts.iter().any(|host| host.ending().is_none()) {
+                let deadline = self.hosts.iter().filter_map(|host| host.deadline()).min();
+                self.mailbox.wait(&*self.clock, deadline);
+            }
+        }
+        self.fold();
+        let endings = self
+            .hosts
+            .iter()
+            .map(|host| (host.service(), host.ending().cloned().unwrap_or(Ending::Stopped("interrupted".to_owned()))));
+        Finished { endings: endings.collect(), digest: self.digest, ticks: self.digested }
+    }
+
+    /// Folds the hashes of ticks that all four services have done.
+    fn fold(&mut self) {
+        let [plant, estimator, guidance, controller] = self.hosts.as_mut_slice() else { return };
+        loop {
+            let front = |host: &mut Box<dyn Hosted>| host.digests().front().copied();
+            let (Some(p), Some(e), Some(g), Some(c)) =
+                (front(plant), front(estimator), front(guidance), front(controller))
+            else {
+                return;
+            };
+            self.digest.fold(Tick { k: p.0, dt_s: self.tick_s }, [p.1, e.1, g.1, c.1]);
+            self.digested = p.0 + 1;
+            for host in [&mut *plant, estimator, guidance, controller] {
+                host.digests().pop_front();
+            }
+        }
+    }
+}

@@ -1,0 +1,174 @@
+//! The account of one wire: what arrived, twice, not at all, too late, or from somebody else.
+
+use serde::{Deserialize, Serialize};
+use std::time::Duration;
+
+/// Width of the window in which a gap can still be filled.
+const WINDOW: u64 = 128;
+
+/// Counters of one wire.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Counts {
+    /// Messages that were new.
+    pub received: u64,
+    /// Sequence numbers between the first and the newest that never arrived.
+    pub missing: u64,
+    /// Sequence numbers that arrived again.
+    pub duplicates: u64,
+    /// Made at a tick that is not newer than what was there.
+    pub old: u64,
+    /// Arrived after the step that wanted it.
+    pub late: u64,
+    /// Payloads that were no message.
+    pub rejected: u64,
+    /// From a second writer while the first one was alive.
+    pub rivals: u64,
+    /// Displaced by newer ones before a step saw them.
+    pub displaced: u64,
+    /// Times that another instance took over.
+    pub takeovers: u64,
+}
+
+/// What a sequence number means.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// Not seen before; `gap` numbers were jumped over.
+    New {
+        /// How many.
+        gap: u64,
+    },
+    /// Another instance writes from here on.
+    Takeover,
+    /// Seen before.
+    Duplicate,
+    /// Somebody else writes while the first writer is alive: not taken.
+    Rival,
+}
+
+/// The account of one wire.
+#[derive(Clone, Debug)]
+pub struct Ledger {
+    source: String,
+    last_seq: u64,
+    /// Bit i: number `last_seq − i` has been seen.
+    window: u128,
+    heard_at: Duration,
+    silence: Duration,
+    /// The counters.
+    pub counts: Counts,
+}
+
+impl Ledger {
+    /// A second writer is let in when the first has been silent for `silence`.
+    #[must_use]
+    pub fn new(silence: Duration) -> Self {
+        Self {
+            source: String::new(),
+            last_seq: 0,
+            window: 0,
+            heard_at: Duration::ZERO,
+            silence,
+            counts: Counts::default(),
+        }
+    }
+
+    /// Who writes.
+    #[must_use]
+    pub fn source(&self) -> &str {
+        &self.source
+    }
+
+    /// When the writer was last heard.
+    #[must_use]
+    pub fn heard_at(&self) -> Duration {
+        self.heard_at
+    }
+
+    /// Enters a message.
+    pub fn enter(&mut self, source: &str, seq: u64, now: Duration) -> Verdict {
+        if self.source != source {
+            let alive = !self.source.is_empty() && now.saturating_sub(self.heard_at) < self.silence;
+            if alive {
+                self.counts.rivals += 1;
+                return Verdict::Rival;
+            }
+            let first = self.source.is_empty();
+            source.clone_into(&mut self.source);
+            (self.last_seq, self.window, self.heard_at) = (seq, 1, now);
+            self.counts.received += 1;
+            self.counts.takeovers += u64::from(!first);
+            return if first { Verdict::New { gap: 0 } } else { Verdict::Takeover };
+        }
+        self.heard_at = now;
+        if seq > self.last_seq {
+            let ahead = seq - self.last_seq;
+            self.window = if ahead < WINDOW { (self.window << ahead) | 1 } else { 1 };
+            self.last_seq = seq;
+            self.counts.received += 1;
+            self.counts.missing = self.counts.missing.saturating_add(ahead - 1);
+            return Verdict::New { gap: ahead - 1 };
+        }
+        let behind = self.last_seq - seq;
+        if behind < WINDOW && self.window & (1 << behind) == 0 {
+            // A gap is filled after all, unless the number is from before the first.
+            self.window |= 1 << behind;
+            self.counts.received += 1;
+            self.counts.missing = self.counts.missing.saturating_sub(1);
+            return Verdict::New { gap: 0 };
+        }
+        self.counts.duplicates += 1;
+        Verdict::Duplicate
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeSet;
+
+    #[test]
+    fn the_account_agrees_with_what_was_sent() {
+        let mut ledger = Ledger::new(Duration::from_secs(1));
+        let mut state = 1u64;
+        let mut random = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            state >> 33
+        };
+        let mut seen = BTreeSet::new();
+        let (mut duplicates, mut newest) = (0, 0);
+        for seq in 1..=5000 {
+            let copies = [0, 1, 1, 1, 1, 1, 1, 2][usize::try_from(random() % 8).expect("small")];
+            for _ in 0..copies {
+                ledger.enter("a", seq, Duration::ZERO);
+                duplicates += u64::from(!seen.insert(seq));
+                newest = seq;
+            }
+        }
+        let first = *seen.first().expect("some arrived");
+        assert_eq!(ledger.counts.received, seen.len() as u64);
+        assert_eq!(ledger.counts.duplicates, duplicates);
+        assert_eq!(ledger.counts.missing, newest - first + 1 - seen.len() as u64);
+        assert!(duplicates > 300 && ledger.counts.missing > 300, "the test must lose and double something");
+    }
+
+    #[test]
+    fn order_does_not_matter_to_the_account() {
+        let mut ledger = Ledger::new(Duration::from_secs(1));
+        for seq in [1, 4, 3, 3, 2, 5] {
+            ledger.enter("a", seq, Duration::ZERO);
+        }
+        assert_eq!(ledger.counts, Counts { received: 5, duplicates: 1, ..Counts::default() });
+    }
+
+    #[test]
+    fn a_second_writer_waits_until_the_first_is_silent() {
+        let mut ledger = Ledger::new(Duration::from_millis(60));
+        let ms = Duration::from_millis;
+        assert_eq!(ledger.enter("a", 1, ms(0)), Verdict::New { gap: 0 });
+        assert_eq!(ledger.enter("b", 1, ms(20)), Verdict::Rival);
+        assert_eq!(ledger.enter("a", 2, ms(40)), Verdict::New { gap: 0 });
+        assert_eq!(ledger.enter("b", 2, ms(101)), Verdict::Takeover);
+        assert_eq!(ledger.enter("a", 3, ms(102)), Verdict::Rival);
+        assert_eq!((ledger.counts.rivals, ledger.counts.takeovers), (2, 1));
+    }
+}

@@ -1,0 +1,49 @@
+//! The wire: sessions, codec, mailbox, a host for any block, commands and authority.
+//!
+//! ```text
+//! callbacks ─▶ Mailbox ─▶ Engine ─▶ Host<B>: Ledger, Port, Desk, Authority ─▶ B::step ─▶ wire
+//!                                                                         └─▶ Outbox ─▶ telemetry, events, health
+//! ```
+//!
+//! The only crate that names zenoh. It knows messages and blocks, and no particular block.
+
+pub mod authority;
+pub mod client;
+pub mod clock;
+pub mod desk;
+pub mod engine;
+pub mod envelope;
+pub mod fault;
+pub mod host;
+pub mod keys;
+pub mod ledger;
+pub mod mailbox;
+mod outbox;
+pub mod session;
+pub mod telemetry;
+
+pub use client::{Client, ClientError};
+pub use clock::{Clock, SystemClock};
+pub use engine::{Engine, Finished};
+pub use envelope::{Envelope, decode, encode};
+pub use fault::FaultRates;
+pub use host::{Ending, Health, Host, HostOptions, Pace};
+pub use mailbox::Mailbox;
+pub use session::{Link, LinkError};
+pub use telemetry::{Shape, Telemetry};
+
+/// Sixteen hexadecimal digits that nobody else has.
+#[must_use]
+pub fn unique() -> String {
+    zenoh::session::ZenohId::default().to_string().chars().take(16).collect()
+}
+
+/// Closes a session; what can't be said any more is not said.
+pub fn close(session: Session) {
+    use zenoh::Wait;
+    // Nobody is left to tell: the process ends or the link is down.
+    let _ = session.close().wait();
+}
+
+/// A session, for those who hold one without naming zenoh themselves.
+pub use zenoh::Session;

@@ -1,0 +1,235 @@
+//! What a service says beside its wire: telemetry, events, health, states, answers. Sent by a thread of its own, so
+//! that control never waits for the network.
+
+use crate::keys;
+use crate::session::LinkError;
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+use std::time::Duration;
+use zenoh::bytes::Encoding;
+use zenoh::pubsub::Publisher;
+use zenoh::qos::{CongestionControl, Priority};
+use zenoh::query::Query;
+use zenoh::{Session, Wait};
+use zenoh_ext::{AdvancedPublisher, AdvancedPublisherBuilderExt, CacheConfig, MissDetectionConfig};
+
+/// Telemetry that may wait; what is older goes, and is counted.
+const TELEMETRY: usize = 64;
+/// Everything else that may wait.
+const LETTERS: usize = 4096;
+/// Events that a listener can recover after it was cut off.
+pub(crate) const EVENT_CACHE: usize = 10_000;
+
+/// Something to send.
+#[derive(Debug)]
+pub(crate) enum Letter {
+    /// An event.
+    Event(Vec<u8>),
+    /// Counters.
+    Health(Vec<u8>),
+    /// A state for late joiners.
+    State(String, Vec<u8>),
+    /// An answer on a key, the question's own if none is given; `Err` is a refusal.
+    Answer(Query, Option<String>, Result<Vec<u8>, Vec<u8>>),
+    /// Somebody asks for states.
+    StateQuery(Query),
+}
+
+#[derive(Debug, Default)]
+struct Queues {
+    telemetry: VecDeque<(usize, Vec<u8>)>,
+    letters: VecDeque<Letter>,
+    telemetry_dropped: u64,
+    letters_dropped: u64,
+    closing: bool,
+}
+
+#[derive(Debug, Default)]
+struct Shared {
+    queues: Mutex<Queues>,
+    filled: Condvar,
+}
+
+impl Shared {
+    fn lock(&self) -> MutexGuard<'_, Queues> {
+        self.queues.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// The sending side of one service.
+#[derive(Debug)]
+pub(crate) struct Outbox {
+    shared: Arc<Shared>,
+    thread: Option<JoinHandle<()>>,
+}
+
+/// A way into the outbox for callbacks.
+#[derive(Clone, Debug)]
+pub(crate) struct Slot(Arc<Shared>);
+
+impl Slot {
+    /// Hands over a letter; never waits.
+    pub(crate) fn send(&self, letter: Letter) {
+        let mut queues = self.0.lock();
+        if queues.letters.len() >= LETTERS {
+            queues.letters_dropped += 1;
+            return;
+        }
+        queues.letters.push_back(letter);
+        drop(queues);
+        self.0.filled.notify_one();
+    }
+}
+
+struct Sender {
+    session: Session,
+    service: &'static str,
+    telemetry: Vec<Publisher<'static>>,
+    events: AdvancedPublisher<'static>,
+    health: Publisher<'static>,
+    states: BTreeMap<String, Vec<u8>>,
+}
+
+impl Outbox {
+    /// Declares the publishers of `service`; `telemetry` lists the keys that may be dropped.
+    pub(crate) fn open(session: &Session, service: &'static str, telemetry: &[String]) -> Result<Self, LinkError> {
+        let declare = |key: String, priority: Priority| {
+            session
+                .declare_publisher(key.clone())
+                .encoding(Encoding::APPLICATION_JSON)
+                .congestion_control(CongestionControl::Drop)
+                .priority(priority)
+                .wait()
+                .map_err(LinkError::session(format!("publisher {key}")))
+        };
+        let events = session
+            .declare_publisher(keys::event(service))
+            .encoding(Encoding::APPLICATION_JSON)
+            .congestion_control(CongestionControl::Drop)
+            .priority(Priority::Data)
+            .cache(CacheConfig::default().max_samples(EVENT_CACHE))
+            .sample_miss_detection(MissDetectionConfig::default().sporadic_heartbeat(Duration::from_millis(200)))
+            .publisher_detection()
+            .wait()
+            .map_err(LinkError::session(format!("publisher {}", keys::event(service))))?;
+        let sender = Sender {
+            session: session.clone(),
+            service,
+            telemetry: telemetry.iter().map(|key| declare(key.clone(), Priority::DataLow)).collect::<Result<_, _>>()?,
+            events,
+            health: declare(keys::health(service), Priority::Data)?,
+            states: BTreeMap::new(),
+        };
+        let shared = Arc::new(Shared::default());
+        let inner = Arc::clone(&shared);
+        let thread = std::thread::Builder::new()
+            .name(format!("{service}-outbox"))
+            .spawn(move || send_all(&inner, sender))
+            .map_err(|cause| LinkError::Session { what: "thread".to_owned(), cause: cause.to_string() })?;
+        Ok(Self { shared, thread: Some(thread) })
+    }
+
+    /// A way in for callbacks.
+    pub(crate) fn slot(&self) -> Slot {
+        Slot(Arc::clone(&self.shared))
+    }
+
+    /// Hands over a letter; never waits.
+    pub(crate) fn send(&self, letter: Letter) {
+        self.slot().send(letter);
+    }
+
+    /// Hands over telemetry for the `i`-th key; never waits. When the queue is full the oldest goes.
+    pub(crate) fn telemetry(&self, i: usize, payload: Vec<u8>) {
+        let mut queues = self.shared.lock();
+        if queues.telemetry.len() >= TELEMETRY {
+            queues.telemetry.pop_front();
+            queues.telemetry_dropped += 1;
+        }
+        queues.telemetry.push_back((i, payload));
+        drop(queues);
+        self.shared.filled.notify_one();
+    }
+
+    /// What did not fit: telemetry, letters.
+    pub(crate) fn dropped(&self) -> (u64, u64) {
+        let queues = self.shared.lock();
+        (queues.telemetry_dropped, queues.letters_dropped)
+    }
+}
+
+impl Drop for Outbox {
+    fn drop(&mut self) {
+        self.shared.lock().closing = true;
+        self.shared.filled.notify_one();
+        if let Some(thread) = self.thread.take() {
+            // A panic in the thread has been printed already; there is nothing left to send.
+            let _ = thread.join();
+        }
+    }
+}
+
+fn send_all(shared: &Shared, mut sender: Sender) {
+    loop {
+        let mut queues = shared.lock();
+        let (letters, telemetry) = loop {
+            if !queues.letters.is_empty() || !queues.telemetry.is_empty() {
+                break (core::mem::take(&mut queues.letters), core::mem::take(&mut queues.telemetry));
+            }
+            if queues.closing {
+                return;
+            }
+            queues = shared.filled.wait(queues).unwrap_or_else(PoisonError::into_inner);
+        };
+        drop(queues);
+        for letter in letters {
+            sender.letter(letter);
+        }
+        for (i, payload) in telemetry {
+            // A put that does not get through is visible to every receiver as a gap in the sequence numbers.
+            let _ = sender.telemetry[i].put(payload).wait();
+        }
+    }
+}
+
+impl Sender {
+    fn letter(&mut self, letter: Letter) {
+        // What fails here fails because the session is closing; receivers see gaps, clients see no answer.
+        match letter {
+            Letter::Event(payload) => {
+                let _ = self.events.put(payload).wait();
+            }
+            Letter::Health(payload) => {
+                let _ = self.health.put(payload).wait();
+            }
+            Letter::State(name, payload) => {
+                let key = if name.contains('/') { name.clone() } else { keys::state(self.service, &name) };
+                let _ = self
+                    .session
+                    .put(key.clone(), payload.clone())
+                    .encoding(Encoding::APPLICATION_JSON)
+                    .congestion_control(CongestionControl::Drop)
+                    .priority(Priority::RealTime)
+                    .express(true)
+                    .wait();
+                self.states.insert(key, payload);
+            }
+            Letter::Answer(query, key, answer) => {
+                let key = key.unwrap_or_else(|| query.key_expr().as_str().to_owned());
+                let _ = match answer {
+                    Ok(payload) => query.reply(key, payload).encoding(Encoding::APPLICATION_JSON).wait(),
+                    Err(payload) => query.reply_err(payload).encoding(Encoding::APPLICATION_JSON).wait(),
+                };
+            }
+            Letter::StateQuery(query) => {
+                for (key, payload) in &self.states {
+                    let Ok(key) = zenoh::key_expr::KeyExpr::try_from(key.clone()) else { continue };
+                    if query.key_expr().intersects(&key) {
+                        let _ = query.reply(key, payload.clone()).encoding(Encoding::APPLICATION_JSON).wait();
+                    }
+                }
+            }
+        }
+    }
+}

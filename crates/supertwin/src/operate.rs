@@ -1,0 +1,1 @@
+//! `supertwin set` and `supertwin get`: commands and parameters, with acknowledgement.

@@ -1,0 +1,1 @@
+//! `supertwin top`: services, rates, ages, gaps, step times, live.

@@ -1,0 +1,1 @@
+//! `supertwin list`, `echo` and `hz`: what is alive and what flows.
