@@ -21,6 +21,7 @@ pub mod mailbox;
 mod outbox;
 pub mod session;
 pub mod telemetry;
+pub mod witness;
 
 pub use client::{Client, ClientError};
 pub use clock::{Clock, SystemClock};
@@ -31,6 +32,7 @@ pub use host::{Ending, Health, Host, HostOptions, Pace};
 pub use mailbox::Mailbox;
 pub use session::{Link, LinkError};
 pub use telemetry::{Shape, Telemetry};
+pub use witness::{WitnessError, WitnessOptions, witness};
 
 /// Sixteen hexadecimal digits that nobody else has.
 #[must_use]

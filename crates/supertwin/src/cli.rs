@@ -45,6 +45,8 @@ pub(crate) enum Verb {
     Up(UpArguments),
     /// One service, or the router, in this process
     Serve(ServeArguments),
+    /// Check that a trial has the same bits in one process, in four, and over a bad link
+    Verify(VerifyArguments),
     /// Validate configuration files and print what was understood, with units
     Check(CheckArguments),
 }
@@ -285,4 +287,32 @@ pub(crate) struct ServeArguments {
     pub(crate) placement: PlacementArguments,
     #[command(flatten)]
     pub(crate) link: LinkArguments,
+}
+
+/// Arguments of `verify`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  supertwin verify                               the paper's three trials, 60 s each
+  supertwin verify paper-agsta --duration 10
+  supertwin verify --router tcp/127.0.0.1:7447   over a router that runs already, such as a stock zenohd
+
+Each trial runs in one process; as four processes in lock step, connected only through a router; and again with a
+tenth of all messages lost and a tenth sent twice.
+Exit status: 0 the same bits everywhere, 1 not, 2 the call or its input is wrong, 130 interrupted.")]
+pub(crate) struct VerifyArguments {
+    /// Names in config/trials, or paths [default: paper-gsta paper-agsta paper-pid]
+    #[arg(value_name = "TRIAL")]
+    pub(crate) trials: Vec<String>,
+
+    /// Simulated seconds
+    #[arg(long, value_name = "S", default_value = "60", value_parser = positive)]
+    pub(crate) duration: f64,
+
+    /// Use this router instead of starting one
+    #[arg(long, value_name = "ENDPOINT")]
+    pub(crate) router: Option<String>,
+
+    /// Print one JSON object instead of a table
+    #[arg(long)]
+    pub(crate) json: bool,
 }

@@ -26,6 +26,7 @@ fn main() -> ExitCode {
         cli::Verb::Run(arguments) => run::run(arguments, &cli.library()),
         cli::Verb::Up(arguments) => serve::up(arguments, &cli.library()),
         cli::Verb::Serve(arguments) => serve::serve(arguments, &cli.library()),
+        cli::Verb::Verify(arguments) => verify::verify(&cli, arguments),
         cli::Verb::Check(arguments) => check::check(arguments, &cli.library()),
     };
     match done {

@@ -1,6 +1,6 @@
 //! `supertwin serve SERVICE` and `supertwin up`: services on the network, one per process or all in one.
 
-use crate::cli::{LinkArguments, PaceArgument, PlacementArguments, ServeArguments, Service, UpArguments};
+use crate::cli::{LinkArguments, PaceArgument, ServeArguments, Service, UpArguments};
 use crate::clock::Stopwatch;
 use crate::failure::{Failure, INTERRUPTED};
 use crate::output;
@@ -190,25 +190,5 @@ impl LinkArguments {
             namespace: vehicle.map(keys::namespace),
             patience_ms: 3000,
         }
-    }
-}
-
-impl PlacementArguments {
-    /// The same trial for another process.
-    pub(crate) fn again(&self) -> Vec<String> {
-        let mut words = vec!["--trial".to_owned(), self.trial.clone()];
-        if let Some(controller) = &self.controller {
-            words.extend(["--controller".to_owned(), controller.clone()]);
-        }
-        if let Some(seed) = self.seed {
-            words.extend(["--seed".to_owned(), seed.to_string()]);
-        }
-        if let Some(duration) = self.duration {
-            words.extend(["--duration".to_owned(), duration.to_string()]);
-        }
-        if self.no_mission {
-            words.push("--no-mission".to_owned());
-        }
-        words
     }
 }
