@@ -111,7 +111,33 @@ impl Client {
     /// # Errors
     /// When it is refused, or nobody answers.
     pub fn set_parameter(&mut self, service: &str, path: &str, value: Value) -> Result<u64, ClientError> {
-        self.request(&keys::param(service, path), value, None)
+        self.set_parameter_at(service, path, value, None)
+    }
+
+    /// The same, at a tick.
+    ///
+    /// # Errors
+    /// When it is refused, or nobody answers.
+    pub fn set_parameter_at(
+        &mut self,
+        service: &str,
+        path: &str,
+        value: Value,
+        at_tick: Option<u64>,
+    ) -> Result<u64, ClientError> {
+        self.request(&keys::param(service, path), value, at_tick)
+    }
+
+    /// Number of the last request; services tell whose command they applied by name and number.
+    #[must_use]
+    pub fn last_seq(&self) -> u64 {
+        self.seq
+    }
+
+    /// The client's name.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
     }
 
     fn request(&mut self, relative: &str, value: Value, at_tick: Option<u64>) -> Result<u64, ClientError> {
