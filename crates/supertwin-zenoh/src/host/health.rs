@@ -54,6 +54,7 @@ impl<B: Wired + 'static> Host<B> {
                 let health = InputHealth {
                     source: wire.ledger.source().to_owned(),
                     counts: wire.ledger.counts,
+                    seq: wire.ledger.range(),
                     age_ticks_max: wire.age_max,
                     transport_ms_max: wire.transport_ms_max,
                     silent_s: silent,
@@ -108,6 +109,9 @@ pub struct InputHealth {
     /// The account.
     #[serde(flatten)]
     pub counts: Counts,
+    /// First and newest sequence number of the present writer: while it has been the only one, the numbers in between
+    /// are those received and those missing.
+    pub seq: [u64; 2],
     /// Greatest age at a step in the last second.
     pub age_ticks_max: u64,
     /// Longest way here in the last second, if the clocks agree.
