@@ -61,7 +61,7 @@ fn label(value: &Value, signal: &str) -> String {
 
 /// True speed over ground, and true depth.
 fn motion(truth: &Value) -> (f64, f64) {
-    let v = |axis: &str| number(truth, &format!("/data/velocity/{axis}"));
+    let v = |axis: &str| number(truth, &format!("/data/velocity/{axis}_m_per_s"));
     ((v("surge").powi(2) + v("sway").powi(2)).sqrt(), number(truth, "/data/depth_m"))
 }
 
@@ -70,7 +70,7 @@ fn travels(listener: &Listener) {
     let mut smooth = 0.0;
     listener.until("the vehicle to follow the net", |key, value| {
         if key == "plant/truth" {
-            smooth += 0.01 * (number(value, "/data/velocity/sway").abs() - smooth);
+            smooth += 0.01 * (number(value, "/data/velocity/sway_m_per_s").abs() - smooth);
         }
         smooth > 0.12
     });
@@ -236,7 +236,7 @@ fn each_service_killed_in_turn_rejoins_without_a_hand_and_without_a_jump() {
             });
             let newest = &first["data"]["allocated"];
             for axis in ["surge", "sway", "heave"] {
-                let jump = number(newest, &format!("/{axis}")) - number(&last, &format!("/{axis}"));
+                let jump = number(newest, &format!("/{axis}_n")) - number(&last, &format!("/{axis}_n"));
                 assert!(jump.abs() < 25.0, "{axis} jumps by {jump} N: {last} then {newest}");
             }
         }
@@ -329,7 +329,7 @@ fn two_vehicles_on_one_router_do_not_hear_each_other_and_a_fleet_client_sees_bot
     client.acquire(20.0).expect("is granted");
     client.command("guidance", "depth_m", json!(5.0), None).expect("is scheduled");
     fleet.until("both vehicles' health, twice", |key, value| {
-        if key.contains("event") && value["data"]["text"].as_str().is_some_and(|text| text.contains("applied")) {
+        if key.contains("event") && value["data"]["text"].as_str().is_some_and(|text| text.contains("by fleet")) {
             deep.push(key.to_owned());
         }
         if key.contains("health") && value["tick"].as_u64() > Some(100) {

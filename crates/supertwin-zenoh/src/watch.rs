@@ -129,7 +129,9 @@ impl Inbox {
         let subscriber = session
             .declare_subscriber(key.to_owned())
             .callback(self.callback())
-            .history(HistoryConfig::default().max_samples(crate::outbox::EVENT_CACHE))
+            // Also of publishers that come later; with room for the whole cache, so that the recovery of a gap is never
+            // mistaken for a shorter history.
+            .history(HistoryConfig::default().detect_late_publishers().max_samples(crate::outbox::EVENT_CACHE))
             .recovery(RecoveryConfig::default().heartbeat())
             .query_timeout(HISTORY)
             .wait();

@@ -70,7 +70,16 @@ impl<B: Wired + 'static> Host<B> {
                 if clock_ns > 0 {
                     wire.transport_ms_max = wire.transport_ms_max.max(late_ns as f64 / 1e6);
                 }
-                if !self.lock_step() {
+                if self.lock_step() {
+                    if tick > self.next {
+                        let source = self.wires[number].ledger.source().to_owned();
+                        let (run, next) = (self.run.clone(), self.next);
+                        self.fail(format!(
+                            "{source} is at tick {tick} of run {run} already and this service at {next}: nobody can \
+                             join a lock-step run later"
+                        ));
+                    }
+                } else {
                     if trigger {
                         self.beat.trigger = Some(tick);
                     } else if tick < self.next.saturating_sub(1) {
@@ -91,9 +100,7 @@ impl<B: Wired + 'static> Host<B> {
     /// Another instance or another run: the end of a lock-step run, a fresh start in real time.
     pub(super) fn changed(&mut self, was: &str, source: &str, run: &str, tick: u64, payload: &ZBytes) {
         if self.lock_step() {
-            if self.output.is_none() && was.is_empty() && tick > 0 {
-                self.fail(format!("{source} is at tick {tick} of run {run} already: a service can't join later"));
-            } else if was.is_empty() || run != self.run {
+            if was.is_empty() || run != self.run {
                 self.fail(format!("{source} belongs to run {run}, this is run {}", self.run));
             } else {
                 self.fail(format!("{source} came in the place of {was}, without its state"));
