@@ -7,8 +7,8 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
-use support::{Cable, Listener, Process, Proxy, Router, following, serve};
 use supertwin_zenoh::{Client, SystemClock};
+use support::{Cable, Listener, Process, Proxy, Router, following, serve};
 
 /// The vehicle's name in these tests.
 const ROV: &str = "rov";
@@ -231,9 +231,8 @@ fn each_service_killed_in_turn_rejoins_without_a_hand_and_without_a_jump() {
         vehicle.serve(service, None);
         if service == "controller" {
             // The first wrench of the new instance continues from the last of the old one.
-            let (first, _) = beside.until("the new controller", |key, value| {
-                key == "controller/thrust" && value["source"] != was
-            });
+            let (first, _) =
+                beside.until("the new controller", |key, value| key == "controller/thrust" && value["source"] != was);
             let newest = &first["data"]["allocated"];
             for axis in ["surge", "sway", "heave"] {
                 let jump = number(newest, &format!("/{axis}_n")) - number(&last, &format!("/{axis}_n"));
@@ -248,7 +247,8 @@ fn each_service_killed_in_turn_rejoins_without_a_hand_and_without_a_jump() {
     let (last, _) = beside.until("truth", |key, _| key == "plant/truth");
     vehicle.services.get_mut("plant").expect("runs").kill();
     vehicle.serve("plant", None);
-    let (first, _) = beside.until("a new plant", |key, value| key == "plant/truth" && value["source"] != last["source"]);
+    let (first, _) =
+        beside.until("a new plant", |key, value| key == "plant/truth" && value["source"] != last["source"]);
     assert_eq!(first["run"], last["run"], "the run goes on");
     assert!(first["tick"].as_u64() > last["tick"].as_u64(), "and so does its time");
     until_status(&beside, "tracking");
@@ -316,7 +316,8 @@ fn two_vehicles_on_one_router_do_not_hear_each_other_and_a_fleet_client_sees_bot
     let trial = following(folder.path()).display().to_string();
     let router = Router::start(folder.path(), None, "127.0.0.1:0");
     let up = |vehicle: &str, seed: &str| {
-        let words = ["up", "--json", "--trial", &trial, "--vehicle", vehicle, "--seed", seed, "--connect", &router.unix];
+        let words =
+            ["up", "--json", "--trial", &trial, "--vehicle", vehicle, "--seed", seed, "--connect", &router.unix];
         let mut process = Process::supertwin(&words);
         assert_eq!(process.json_line()["vehicle"], vehicle);
         process

@@ -231,7 +231,8 @@ impl Proxy {
                     continue;
                 }
                 let Ok(far) = TcpStream::connect(&shared.target) else { continue };
-                let pair = |a: &TcpStream, b: &TcpStream| (a.try_clone().expect("clones"), b.try_clone().expect("clones"));
+                let pair =
+                    |a: &TcpStream, b: &TcpStream| (a.try_clone().expect("clones"), b.try_clone().expect("clones"));
                 let mut open = shared.open.lock().expect("not poisoned");
                 open.extend([near.try_clone().expect("clones"), far.try_clone().expect("clones")]);
                 drop(open);
@@ -323,13 +324,25 @@ impl Cable {
             }
         }
         let (v, t) = (format!("sv{number}"), format!("st{number}"));
-        let laid = ip(&["link", "add", &v, "netns", &cable.vehicle, "type", "veth", "peer", "name", &t, "netns", &cable.topside])
-            && [(&cable.vehicle, &v, 1), (&cable.topside, &t, 2)].into_iter().all(|(name, device, host)| {
-                let address = format!("10.77.{subnet}.{host}/24");
-                ip(&["-n", name, "addr", "add", &address, "dev", device])
-                    && ip(&["-n", name, "link", "set", device, "up"])
-                    && ip(&["-n", name, "link", "set", "lo", "up"])
-            });
+        let laid = ip(&[
+            "link",
+            "add",
+            &v,
+            "netns",
+            &cable.vehicle,
+            "type",
+            "veth",
+            "peer",
+            "name",
+            &t,
+            "netns",
+            &cable.topside,
+        ]) && [(&cable.vehicle, &v, 1), (&cable.topside, &t, 2)].into_iter().all(|(name, device, host)| {
+            let address = format!("10.77.{subnet}.{host}/24");
+            ip(&["-n", name, "addr", "add", &address, "dev", device])
+                && ip(&["-n", name, "link", "set", device, "up"])
+                && ip(&["-n", name, "link", "set", "lo", "up"])
+        });
         laid.then_some(cable)
     }
 

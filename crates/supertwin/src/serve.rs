@@ -35,6 +35,15 @@ pub(crate) fn serve(arguments: &ServeArguments, library: &Library) -> Result<Exi
     });
     let finished = engine.run(|_| {});
     close(session);
+    if placement.pace == Pace::LockStep {
+        for (service, ticks, wall_s) in &finished.progress {
+            let laps_per_s = *ticks as f64 / wall_s.max(1e-9);
+            let result = json!({ "service": service, "ticks": ticks, "wall_s": wall_s, "laps_per_s": laps_per_s });
+            say(arguments.placement.json, &result, || {
+                format!("{service}: {ticks} ticks in {wall_s:.2} s, {laps_per_s:.0} laps per second")
+            });
+        }
+    }
     Ok(ending(&finished, arguments.placement.pace))
 }
 

@@ -70,6 +70,9 @@ impl<B: Wired + 'static> Host<B> {
                 if clock_ns > 0 {
                     wire.transport_ms_max = wire.transport_ms_max.max(late_ns as f64 / 1e6);
                 }
+                if B::OWNS_TIME && tick + 1 == self.next {
+                    self.loop_us.add(now.saturating_sub(self.sent_at));
+                }
                 if self.lock_step() {
                     if tick > self.next {
                         let source = self.wires[number].ledger.source().to_owned();

@@ -42,9 +42,6 @@ impl<B: Wired + 'static> Host<B> {
         let mut names = Keys(Vec::new());
         B::visit(&mut B::ports(), &mut names);
         let (telemetry_dropped, letters_dropped) = self.outbox.dropped();
-        let mut sorted = self.step_us.clone();
-        sorted.sort_by(f64::total_cmp);
-        let quantile = |q: f64| sorted.get((q * (sorted.len() as f64 - 1.0)) as usize).copied().unwrap_or(0.0);
         let inputs: BTreeMap<&str, InputHealth> = names
             .0
             .iter()
@@ -78,7 +75,8 @@ impl<B: Wired + 'static> Host<B> {
             late_triggers: self.steps.late_triggers,
             repeats: self.steps.repeats,
             not_finite: self.steps.not_finite,
-            step_us: [quantile(0.5), quantile(0.99), quantile(1.0)],
+            step_us: self.step_us.quantiles(),
+            loop_us: self.loop_us.quantiles(),
             inputs: inputs.into_iter().map(|(key, health)| (key.to_owned(), health)).collect(),
             commands: self.desk.counts,
             setpoints: [
@@ -153,8 +151,11 @@ pub struct Health {
     pub repeats: u64,
     /// Outputs that were no numbers and were not sent.
     pub not_finite: u64,
-    /// Time of a step with all that belongs to it: median, 99th percentile, maximum of the last 256, microseconds.
+    /// Time of a step with all that belongs to it: median, 99th percentile, maximum of the last 512, microseconds.
     pub step_us: [f64; 3],
+    /// The same of a lap of the ring, from measurements to the thrust they led to; zeros but for the owner of time.
+    #[serde(default)]
+    pub loop_us: [f64; 3],
     /// Inputs by key.
     pub inputs: BTreeMap<String, InputHealth>,
     /// Requests.

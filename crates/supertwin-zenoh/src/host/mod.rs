@@ -112,6 +112,8 @@ pub trait Hosted: Send {
     fn ending(&self) -> Option<&Ending>;
     /// Ends it from outside.
     fn interrupt(&mut self, reason: &str);
+    /// Steps done, and the time from the first to the last.
+    fn progress(&self) -> (u64, Duration);
     /// Hashes of the steps since the last call, with their ticks.
     fn digests(&mut self) -> &mut VecDeque<(u64, u64)>;
 }
@@ -173,6 +175,37 @@ struct Stream {
     refused: u64,
 }
 
+/// The last so many durations, in microseconds.
+#[derive(Debug, Default)]
+struct Recent {
+    values: Vec<f64>,
+    next: usize,
+}
+
+impl Recent {
+    const LENGTH: usize = 512;
+
+    fn add(&mut self, duration: Duration) {
+        let us = duration.as_secs_f64() * 1e6;
+        if self.values.len() < Self::LENGTH {
+            self.values.push(us);
+        } else {
+            self.values[self.next] = us;
+        }
+        self.next = (self.next + 1) % Self::LENGTH;
+    }
+
+    /// Median, 99th percentile, maximum; zeros when there is nothing.
+    fn quantiles(&self) -> [f64; 3] {
+        let mut sorted = self.values.clone();
+        sorted.sort_by(f64::total_cmp);
+        [0.5, 0.99, 1.0].map(|q| {
+            let at = (q * (sorted.len().max(1) - 1) as f64).round();
+            sorted.get(at as usize).copied().unwrap_or(0.0)
+        })
+    }
+}
+
 /// A block behind its keys.
 pub struct Host<B: Wired> {
     block: B,
@@ -210,7 +243,10 @@ pub struct Host<B: Wired> {
     steps: StepCounts,
     refused_reported: (Duration, u64),
     overflow: Overflow,
-    step_us: Vec<f64>,
+    step_us: Recent,
+    /// Owner of time: from sending a tick's output to what comes back round the ring.
+    loop_us: Recent,
+    began_at: Option<Duration>,
     health_due: Duration,
     digests: VecDeque<(u64, u64)>,
     ending: Option<Ending>,
@@ -393,7 +429,9 @@ impl<B: Wired + 'static> Host<B> {
             steps: StepCounts::default(),
             refused_reported: (now, 0),
             overflow: Overflow::default(),
-            step_us: Vec::with_capacity(128),
+            step_us: Recent::default(),
+            loop_us: Recent::default(),
+            began_at: None,
             health_due: now + Duration::from_secs(1),
             digests: VecDeque::new(),
             ending: None,
@@ -498,6 +536,11 @@ where
             self.note(Severity::Info, reason.to_owned());
             self.ending = Some(Ending::Stopped(reason.to_owned()));
         }
+    }
+
+    fn progress(&self) -> (u64, Duration) {
+        let since = self.began_at.map_or(Duration::ZERO, |began| self.sent_at.saturating_sub(began));
+        (self.steps.steps, since)
     }
 
     fn digests(&mut self) -> &mut VecDeque<(u64, u64)> {

@@ -68,6 +68,7 @@ impl<B: Wired + 'static> Host<B> {
 
     pub(super) fn step(&mut self, k: u64, publish: bool) {
         let began = self.clock.now();
+        self.began_at.get_or_insert(began);
         let commands = self.apply(k);
         let operator = self.operator();
         let tick = self.tick(k);
@@ -107,11 +108,7 @@ impl<B: Wired + 'static> Host<B> {
             self.send_output(false);
             self.send_telemetry(k, digest, &used, &commands);
         }
-        let took = self.clock.now().saturating_sub(began);
-        if self.step_us.len() >= 256 {
-            self.step_us.remove(0);
-        }
-        self.step_us.push(took.as_secs_f64() * 1e6);
+        self.step_us.add(self.clock.now().saturating_sub(began));
     }
 
     pub(super) fn send_output(&mut self, repeat: bool) {
