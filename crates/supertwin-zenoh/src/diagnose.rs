@@ -57,14 +57,19 @@ pub fn clock_offset(
     let mut best: Option<ClockOffset> = None;
     for _ in 0..times {
         let (began, began_ns) = (clock.now(), clock.unix_ns());
-        let replies =
-            session.get(key).consolidation(ConsolidationMode::None).timeout(PATIENCE).wait().map_err(LinkError::session(key))?;
+        let replies = session
+            .get(key)
+            .consolidation(ConsolidationMode::None)
+            .timeout(PATIENCE)
+            .wait()
+            .map_err(LinkError::session(key))?;
         let Ok(reply) = replies.recv() else { return Ok(best) };
         let round_trip = clock.now().saturating_sub(began);
         let Ok(sample) = reply.into_result() else { return Ok(best) };
         let Ok(answer) = serde_json::from_slice::<Value>(&sample.payload().to_bytes()) else { return Ok(best) };
         let Some(received_ns) = answer["received_ns"].as_u64() else { return Ok(best) };
-        let offset_ms = (i128::from(received_ns) - i128::from(began_ns)) as f64 / 1e6 - round_trip.as_secs_f64() * 500.0;
+        let offset_ms =
+            (i128::from(received_ns) - i128::from(began_ns)) as f64 / 1e6 - round_trip.as_secs_f64() * 500.0;
         let found = ClockOffset { offset_ms, round_trip_ms: round_trip.as_secs_f64() * 1e3 };
         if best.is_none_or(|best| found.round_trip_ms < best.round_trip_ms) {
             best = Some(found);
