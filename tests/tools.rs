@@ -145,13 +145,37 @@ fn commands_apply_are_acknowledged_and_leave_the_authority_free() {
         (2, &["set", "deep", "5"][..], "must be one of mode, depth_m"),
         (2, &["set", "depth_m", "5", "mode"][..], "has no value"),
         (2, &["set", "depth_m", "{5"][..], "is no JSON"),
-        (2, &["echo", "a//b"][..], "KEY a//b"),
+        (2, &["echo", "a//b"][..], "KEY a//b: Invalid Key Expr"),
     ] {
         let done = place.call(arguments);
         let said = text(&done.stderr);
         assert_eq!(done.status.code(), Some(code), "{arguments:?}: {said}");
-        assert!(said.contains(expected), "{arguments:?}: {said}");
+        assert!(said.contains(expected) && !said.contains(".rs"), "{arguments:?}: {said}");
     }
+}
+
+#[test]
+fn a_command_that_does_not_apply_in_time_is_no_success() {
+    let place = Place::new();
+    // A witness that never comes: the ring stands still, and answers.
+    let _up = place.up(&["--pace", "lockstep", "--witness", "nobody"]);
+    let late = place.json(1, &["set", "depth_m", "5", "--wait", "0.3"]);
+    assert_eq!(late["commands"][0]["status"], "scheduled");
+
+    let arguments = ["echo", "event/guidance", "--json", "--connect", place.socket.as_str()];
+    let mut events = Up::start(place.folder.path(), &arguments);
+    let mut command = supertwin(place.folder.path(), &["set", "depth_m", "4", "--wait", "60"]);
+    let set = command.args(["--connect", &place.socket]).stderr(Stdio::piped()).spawn().unwrap();
+    let mut said = String::new();
+    while !said.contains(": depth_m 4 by ") {
+        said.clear();
+        assert!(events.out.read_line(&mut said).unwrap() > 0, "echo ended");
+    }
+    assert!(Command::new("kill").args(["-INT", &set.id().to_string()]).status().unwrap().success());
+    let done = set.wait_with_output().unwrap();
+    assert_eq!(done.status.code(), Some(130), "{}", text(&done.stderr));
+    assert!(text(&done.stderr).contains("interrupted: depth_m 4 applies at tick"), "{}", text(&done.stderr));
+    assert!(place.json(0, &["get", "lease"])["holder"].is_null(), "the authority was given back");
 }
 
 #[test]

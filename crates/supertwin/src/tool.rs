@@ -1,7 +1,7 @@
 //! What the operator's tools have in common: a session without a namespace, the vehicle that is meant, Ctrl-C, tables.
 
 use crate::cli::LinkArguments;
-use crate::failure::Failure;
+use crate::failure::{Failure, INTERRUPTED};
 use comfy_table::presets::NOTHING;
 use comfy_table::{CellAlignment, ContentArrangement, Table};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -34,8 +34,14 @@ impl Tool {
         let inbox = Inbox::new(Arc::clone(&clock));
         let session = link.open()?;
         let (stop, on_signal) = (inbox.interrupter(), inbox.interrupter());
-        ctrlc::set_handler(move || on_signal.interrupt())
-            .map_err(|cause| Failure::Call(format!("Ctrl-C can't be caught: {cause}")))?;
+        let handle = move || {
+            // The first one ends waits; who asks again does not want to wait for an answer either.
+            if on_signal.interrupted() {
+                std::process::exit(i32::from(INTERRUPTED));
+            }
+            on_signal.interrupt();
+        };
+        ctrlc::set_handler(handle).map_err(|cause| Failure::Call(format!("Ctrl-C can't be caught: {cause}")))?;
         Ok(Self { session, clock, inbox, stop })
     }
 
