@@ -199,7 +199,7 @@ impl Presence {
 /// # Errors
 /// Says what is wrong with it.
 pub fn check_key(text: &str) -> Result<(), String> {
-    KeyExpr::new(text).map(drop).map_err(|error| error.to_string())
+    KeyExpr::new(text).map(drop).map_err(|error| crate::session::brief(&error.to_string()))
 }
 
 /// Whether two keys have a key in common.
