@@ -7,7 +7,8 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
-use supertwin_zenoh::{Client, SystemClock};
+use supertwin_zenoh::session::exposures;
+use supertwin_zenoh::{Client, Link, SystemClock};
 use support::{Cable, Listener, Process, Proxy, Router, following, serve};
 
 /// The vehicle's name in these tests.
@@ -369,4 +370,68 @@ fn verify_says_yes_to_the_ring_and_a_service_that_comes_later_ends_a_lock_step_r
     for service in [0, 2, 3] {
         assert_eq!(services[service].wait(), 1, "and the others end with it");
     }
+}
+
+#[test]
+fn a_thin_tether_thins_telemetry_and_nothing_else() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let trial = following(folder.path()).display().to_string();
+    let unix = format!("unixsock-stream/{}", folder.path().join("r.sock").display());
+    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/zenoh/thin-tether-router.json5");
+    let words = ["serve", "router", "--json", "--zenoh", file, "--listen", &unix, "--listen", "tcp/127.0.0.1:0"];
+    let mut router = Process::supertwin(&words);
+    let said = router.json_line();
+    let tcp = said["listening"].as_array().expect("a list").iter().filter_map(Value::as_str);
+    let tcp = tcp.filter(|place| place.starts_with("tcp/")).map(str::to_owned).next().expect("listens by TCP");
+    let mut up = Process::supertwin(&["up", "--json", "--trial", &trial, "--vehicle", ROV, "--connect", &unix]);
+    up.json_line();
+    let keys = ["telemetry/*", "plant/truth", "estimator/nav", "guidance/reference", "controller/thrust"];
+    let count = |listener: &Listener| {
+        let mut silent: Vec<&str> = keys.to_vec();
+        listener.until("every key", |key, _| {
+            silent.retain(|pattern| !key.starts_with(pattern.trim_end_matches('*')));
+            silent.is_empty()
+        });
+        let mut counts: BTreeMap<String, usize> = BTreeMap::new();
+        // Two hundred ticks are four seconds.
+        let mut first = None;
+        listener.until("200 ticks", |key, value| {
+            *counts.entry(key.to_owned()).or_default() += 1;
+            let tick = value["tick"].as_u64().unwrap_or(0);
+            key == "estimator/nav" && tick >= *first.get_or_insert(tick) + 200
+        });
+        counts
+    };
+    let listen = |endpoint: &str| keys.iter().fold(Listener::open(endpoint, ROV), |listener, key| listener.listen(key));
+    let (near, far) = (count(&listen(&unix)), count(&listen(&tcp)));
+    for key in ["telemetry/plant", "telemetry/controller", "plant/truth"] {
+        assert!(near[key] > 190, "{key} on the vehicle: {near:?}");
+        assert!((15..=26).contains(&far[key]), "{key} topside, at 5 Hz for four seconds: {far:?}");
+    }
+    for key in ["estimator/nav", "guidance/reference", "controller/thrust"] {
+        assert!(far[key] > 190, "{key} topside: {far:?}");
+    }
+    let topside = Listener::open(&tcp, ROV).events();
+    let mut pilot = Client::new(topside.session.clone(), ROV, "pilot", Arc::new(SystemClock::start()));
+    pilot.acquire(10.0).expect("is granted");
+    let tick = pilot.command("guidance", "depth_m", json!(4.5), None).expect("is scheduled");
+    let (event, _) = topside.until("the command's event", |key, value| {
+        let text = value["data"]["text"].as_str().unwrap_or_default();
+        key == "event/guidance" && text.contains("command applied") && text.contains("pilot")
+    });
+    assert_eq!(event["tick"].as_u64(), Some(tick), "at the tick that was promised");
+}
+
+#[test]
+fn every_shipped_zenoh_file_is_legal_and_exposes_nothing() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/zenoh");
+    let mut seen = 0;
+    for entry in std::fs::read_dir(folder).expect("exists").flatten() {
+        let link = Link { file: Some(entry.path()), ..Link::default() };
+        link.config().unwrap_or_else(|error| panic!("{error}"));
+        let settings = link.settings().expect("legal");
+        assert!(exposures(&settings).is_empty(), "{}: {:?}", entry.path().display(), exposures(&settings));
+        seen += 1;
+    }
+    assert!(seen >= 5, "only {seen} files");
 }

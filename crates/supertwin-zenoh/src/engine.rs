@@ -11,6 +11,9 @@ use supertwin_core::digest::RunDigest;
 /// Requests that are answered between two steps; the rest waits its turn.
 const REQUESTS_AT_ONCE: usize = 8;
 
+/// Arrivals of any kind between two steps: a flood must not keep the hosts from stepping.
+const ARRIVALS_AT_ONCE: usize = 2048;
+
 /// Hosts of one process on one thread.
 pub struct Engine {
     hosts: Vec<Box<dyn Hosted>>,
@@ -60,16 +63,12 @@ impl Engine {
                 self.hosts.iter_mut().for_each(|host| host.interrupt("interrupted"));
                 break;
             }
-            let mut requests = 0;
-            while requests < REQUESTS_AT_ONCE {
+            let (mut requests, mut arrivals) = (0, 0);
+            while requests < REQUESTS_AT_ONCE && arrivals < ARRIVALS_AT_ONCE {
+                arrivals += 1;
                 match self.mailbox.take() {
                     None => break,
-                    Some(Arrival::Wire(host, wire, payload)) => {
-                        if std::env::var("DBG").is_ok() {
-                            eprintln!("{:?} deliver {host} {wire} {}", self.clock.now(), payload.len());
-                        }
-                        self.hosts[host].deliver(wire, &payload)
-                    }
+                    Some(Arrival::Wire(host, wire, payload)) => self.hosts[host].deliver(wire, &payload),
                     Some(Arrival::Request(host, query)) => {
                         requests += 1;
                         self.hosts[host].request(query);

@@ -44,7 +44,7 @@ pub fn unique() -> String {
 }
 
 /// Closes a session; what can't be said any more is not said.
-pub fn close(session: Session) {
+pub fn close(session: &Session) {
     use zenoh::Wait;
     // Nobody is left to tell: the process ends or the link is down.
     let _ = session.close().wait();

@@ -204,7 +204,7 @@ impl Sender {
                 let _ = self.health.put(payload).wait();
             }
             Letter::State(name, payload) => {
-                let key = if name.contains('/') { name.clone() } else { keys::state(self.service, &name) };
+                let key = if name.contains('/') { name } else { keys::state(self.service, &name) };
                 let _ = self
                     .session
                     .put(key.clone(), payload.clone())

@@ -90,7 +90,15 @@ fn base() -> Value {
         "adminspace": { "enabled": false },
         "timestamping": { "enabled": false },
         "transport": {
-            "link": { "tx": { "lease": 2000 }, "rx": { "max_message_size": 1_048_576 } },
+            "link": {
+                "tx": {
+                    "lease": 2000,
+                    // Two batches, the default, are full after two express messages: four services in one process send
+                    // four at every tick, and the rest would be dropped without a word.
+                    "queue": { "size": { "real_time": 16, "interactive_high": 16, "data": 16, "data_low": 16 } },
+                },
+                "rx": { "max_message_size": 1_048_576 },
+            },
             "shared_memory": { "enabled": false },
         },
     })

@@ -12,7 +12,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use supertwin_lab::Library;
 use supertwin_zenoh::{
-    Clock, Ending, Engine, Finished, Link, LinkError, Mailbox, Pace, Session, SystemClock, keys, session,
+    Clock, Ending, Engine, Finished, Link, LinkError, Mailbox, Pace, Session, SystemClock, close, keys, session,
 };
 
 /// One service in this process.
@@ -34,7 +34,7 @@ pub(crate) fn serve(arguments: &ServeArguments, library: &Library) -> Result<Exi
         format!("{} of {vehicle}: up; Ctrl-C ends it", arguments.service.name())
     });
     let finished = engine.run(|_| {});
-    close(session);
+    close(&session);
     if placement.pace == Pace::LockStep {
         for (service, ticks, wall_s) in &finished.progress {
             let laps_per_s = *ticks as f64 / wall_s.max(1e-9);
@@ -71,7 +71,7 @@ pub(crate) fn up(arguments: &UpArguments, library: &Library) -> Result<ExitCode,
     let stopwatch = Stopwatch::start();
     let finished = engine.run(|_| {});
     let wall_s = stopwatch.elapsed_s();
-    close(session);
+    close(&session);
     if placement.pace == Pace::LockStep {
         let laps_per_s = finished.ticks as f64 / wall_s;
         let result = json!({
@@ -118,7 +118,7 @@ fn router(
     while !stop.load(Ordering::Relaxed) {
         mailbox.wait(&clock, None);
     }
-    close(session);
+    close(&session);
     Ok(ExitCode::SUCCESS)
 }
 
@@ -145,11 +145,6 @@ pub(crate) fn open_patiently(mut link: Link, stop: &AtomicBool) -> Result<Option
         }
     }
     Ok(None)
-}
-
-/// Closes a session; what can't be said any more is not said.
-pub(crate) fn close(session: Session) {
-    supertwin_zenoh::close(session);
 }
 
 fn say(json: bool, value: &serde_json::Value, text: impl FnOnce() -> String) {

@@ -48,7 +48,7 @@ impl Tool {
     /// Leaves the network.
     pub(crate) fn close(self) {
         drop(self.inbox);
-        supertwin_zenoh::close(self.session);
+        supertwin_zenoh::close(&self.session);
     }
 
     /// The vehicle that is meant: the one asked for, else the only one that is up.

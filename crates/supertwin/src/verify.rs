@@ -5,7 +5,6 @@ use crate::clock::Stopwatch;
 use crate::failure::{Failure, INTERRUPTED};
 use crate::output;
 use crate::placement::{stop_flag, unique};
-use crate::serve::close;
 use comfy_table::presets::UTF8_FULL_CONDENSED;
 use comfy_table::{CellAlignment, ContentArrangement, Table};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -21,7 +20,7 @@ use supertwin_core::{Observe, Tick};
 use supertwin_lab::mission::Mission;
 use supertwin_lab::{ResolvedTrial, Twin, trial};
 use supertwin_zenoh::witness::{Lap, RING};
-use supertwin_zenoh::{FaultRates, Link, Mailbox, Shape, SystemClock, WitnessOptions, keys, witness};
+use supertwin_zenoh::{FaultRates, Link, Mailbox, Shape, SystemClock, WitnessOptions, close, keys, witness};
 
 /// The paper's three case studies.
 const DEFAULT_TRIALS: [&str; 3] = ["paper-gsta", "paper-agsta", "paper-pid"];
@@ -203,7 +202,7 @@ impl Job<'_> {
             let said = processes.last_words();
             error = error.map(|error| if said.is_empty() { error } else { format!("{error}\n{said}") });
         }
-        close(session);
+        close(&session);
         Ok(Row {
             trial: self.trial.name.clone(),
             placement: self.placement,
