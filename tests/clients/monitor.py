@@ -33,8 +33,13 @@ class Events:
         if event["seq"] > next_one:
             # The subscriber below recovers what was lost on the way, but an event that arrives while it still waits
             # for the history makes it leave the history out. The service keeps its last events: they are asked for.
-            key = f"{sample.key_expr}/@adv/**"
-            for reply in self.vehicle.session.get(key, accept_replies=zenoh.ReplyKeyExpr.ANY, timeout=2.0):
+            replies = self.vehicle.session.get(
+                f"{sample.key_expr}/@adv/**",
+                accept_replies=zenoh.ReplyKeyExpr.ANY,  # They come on the key of the events.
+                consolidation=zenoh.ConsolidationMode.NONE,  # All of them, not only the newest.
+                timeout=2.0,
+            )
+            for reply in replies:
                 if reply.ok:
                     kept = message(reply.ok)
                     if kept["source"] == event["source"] and next_one <= kept["seq"]:
