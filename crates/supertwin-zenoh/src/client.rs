@@ -3,6 +3,7 @@
 use crate::authority::{LeaseAction, LeaseReply, LeaseRequest};
 use crate::clock::Clock;
 use crate::desk::{Answer, Request};
+use crate::host::StreamedSetpoint;
 use crate::keys;
 use crate::session::LinkError;
 use serde::Serialize;
@@ -111,7 +112,33 @@ impl Client {
     /// # Errors
     /// When it is refused, or nobody answers.
     pub fn set_parameter(&mut self, service: &str, path: &str, value: Value) -> Result<u64, ClientError> {
-        self.request(&keys::param(service, path), value, None)
+        self.set_parameter_at(service, path, value, None)
+    }
+
+    /// The same, at a tick.
+    ///
+    /// # Errors
+    /// When it is refused, or nobody answers.
+    pub fn set_parameter_at(
+        &mut self,
+        service: &str,
+        path: &str,
+        value: Value,
+        at_tick: Option<u64>,
+    ) -> Result<u64, ClientError> {
+        self.request(&keys::param(service, path), value, at_tick)
+    }
+
+    /// Number of the last request; services tell whose command they applied by name and number.
+    #[must_use]
+    pub fn last_seq(&self) -> u64 {
+        self.seq
+    }
+
+    /// The client's name.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
     }
 
     fn request(&mut self, relative: &str, value: Value, at_tick: Option<u64>) -> Result<u64, ClientError> {
@@ -124,6 +151,25 @@ impl Client {
             Ok(Answer::Refused { reason, .. }) => Err(ClientError::Refused(reason)),
             Err(error) => Err(ClientError::Strange { key, cause: error.to_string() }),
         }
+    }
+
+    /// One sample of a stream of set-points. Who stops sending has let go of the joystick; `None` ends the stream and
+    /// keeps the last value.
+    ///
+    /// # Errors
+    /// When the session fails; whether the sample arrives, only its effect tells.
+    pub fn stream(&mut self, name: &str, value: Option<f64>) -> Result<(), ClientError> {
+        self.seq += 1;
+        let sample = StreamedSetpoint { client: self.name.clone(), token: self.token.clone(), seq: self.seq, value };
+        let key = self.key(&keys::setpoint(name));
+        let payload = serde_json::to_vec(&sample)
+            .map_err(|error| ClientError::Strange { key: key.clone(), cause: error.to_string() })?;
+        let put = self.session.put(key.clone(), payload).encoding(Encoding::APPLICATION_JSON);
+        put.congestion_control(CongestionControl::Drop)
+            .priority(Priority::InteractiveHigh)
+            .express(true)
+            .wait()
+            .map_err(|error| LinkError::session(key)(error).into())
     }
 
     /// A parameter, or a branch of the tree.

@@ -27,6 +27,8 @@ pub struct Engine {
 pub struct Finished {
     /// Each service with its ending.
     pub endings: Vec<(&'static str, Ending)>,
+    /// Each service with its steps, and the seconds from the first to the last.
+    pub progress: Vec<(&'static str, u64, f64)>,
     /// Hash of the run, when all four services ran here with their hashes kept.
     pub digest: RunDigest,
     /// Ticks of which all four hashes were there.
@@ -91,7 +93,12 @@ impl Engine {
             .hosts
             .iter()
             .map(|host| (host.service(), host.ending().cloned().unwrap_or(Ending::Stopped("interrupted".to_owned()))));
-        Finished { endings: endings.collect(), digest: self.digest, ticks: self.digested }
+        let progress = self.hosts.iter().map(|host| {
+            let (steps, time) = host.progress();
+            (host.service(), steps, time.as_secs_f64())
+        });
+        let progress = progress.collect();
+        Finished { progress, endings: endings.collect(), digest: self.digest, ticks: self.digested }
     }
 
     /// Folds the hashes of ticks that all four services have done.

@@ -49,6 +49,7 @@ pub enum Verdict {
 #[derive(Clone, Debug)]
 pub struct Ledger {
     source: String,
+    first_seq: u64,
     last_seq: u64,
     /// Bit i: number `last_seq − i` has been seen.
     window: u128,
@@ -64,6 +65,7 @@ impl Ledger {
     pub fn new(silence: Duration) -> Self {
         Self {
             source: String::new(),
+            first_seq: 0,
             last_seq: 0,
             window: 0,
             heard_at: Duration::ZERO,
@@ -76,6 +78,12 @@ impl Ledger {
     #[must_use]
     pub fn source(&self) -> &str {
         &self.source
+    }
+
+    /// First and newest number of the present writer.
+    #[must_use]
+    pub fn range(&self) -> [u64; 2] {
+        [self.first_seq, self.last_seq]
     }
 
     /// When the writer was last heard.
@@ -94,7 +102,7 @@ impl Ledger {
             }
             let first = self.source.is_empty();
             source.clone_into(&mut self.source);
-            (self.last_seq, self.window, self.heard_at) = (seq, 1, now);
+            (self.first_seq, self.last_seq, self.window, self.heard_at) = (seq, seq, 1, now);
             self.counts.received += 1;
             self.counts.takeovers += u64::from(!first);
             return if first { Verdict::New { gap: 0 } } else { Verdict::Takeover };
@@ -109,7 +117,7 @@ impl Ledger {
             return Verdict::New { gap: ahead - 1 };
         }
         let behind = self.last_seq - seq;
-        if behind < WINDOW && self.window & (1 << behind) == 0 {
+        if seq >= self.first_seq && behind < WINDOW && self.window & (1 << behind) == 0 {
             // A gap is filled after all, unless the number is from before the first.
             self.window |= 1 << behind;
             self.counts.received += 1;

@@ -11,6 +11,7 @@ pub mod authority;
 pub mod client;
 pub mod clock;
 pub mod desk;
+pub mod diagnose;
 pub mod engine;
 pub mod envelope;
 pub mod fault;
@@ -21,6 +22,8 @@ pub mod mailbox;
 mod outbox;
 pub mod session;
 pub mod telemetry;
+pub mod watch;
+pub mod witness;
 
 pub use client::{Client, ClientError};
 pub use clock::{Clock, SystemClock};
@@ -31,6 +34,8 @@ pub use host::{Ending, Health, Host, HostOptions, Pace};
 pub use mailbox::Mailbox;
 pub use session::{Link, LinkError};
 pub use telemetry::{Shape, Telemetry};
+pub use watch::{Heard, Inbox, Interrupter, Presence};
+pub use witness::{WitnessError, WitnessOptions, witness};
 
 /// Sixteen hexadecimal digits that nobody else has.
 #[must_use]

@@ -175,7 +175,7 @@ impl Link {
 }
 
 /// Zenoh's causes carry source files and lines; people want the words.
-fn brief(cause: &str) -> String {
+pub(crate) fn brief(cause: &str) -> String {
     cause.split(" at ").next().unwrap_or(cause).trim().to_owned()
 }
 

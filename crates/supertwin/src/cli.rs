@@ -45,8 +45,24 @@ pub(crate) enum Verb {
     Up(UpArguments),
     /// One service, or the router, in this process
     Serve(ServeArguments),
+    /// Check that a trial has the same bits in one process, in four, and over a bad link
+    Verify(VerifyArguments),
     /// Validate configuration files and print what was understood, with units
     Check(CheckArguments),
+    /// Command a vehicle or change a parameter, and hear whether it was obeyed
+    Set(SetArguments),
+    /// Parameters, last accepted commands, and who has the authority
+    Get(GetArguments),
+    /// Vehicles and services that are up, and the keys that flow
+    List(ListArguments),
+    /// Print what is published on a key
+    Echo(EchoArguments),
+    /// Rate, jitter, bytes and gaps of what is published on a key
+    Hz(HzArguments),
+    /// Services live: ticks, rates, ages of inputs, gaps, step times
+    Top(TopArguments),
+    /// What is wrong with this set-up, and what to do
+    Doctor(DoctorArguments),
 }
 
 /// Arguments of `run`.
@@ -283,6 +299,217 @@ pub(crate) struct ServeArguments {
     pub(crate) service: Service,
     #[command(flatten)]
     pub(crate) placement: PlacementArguments,
+    #[command(flatten)]
+    pub(crate) link: LinkArguments,
+}
+
+/// Arguments of `verify`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  supertwin verify                               the paper's three trials, 60 s each
+  supertwin verify paper-agsta --duration 10
+  supertwin verify --router tcp/127.0.0.1:7447   over a router that runs already, such as a stock zenohd
+
+Each trial runs in one process; as four processes in lock step, connected only through a router; and again with a
+tenth of all messages lost and a tenth sent twice.
+Exit status: 0 the same bits everywhere, 1 not, 2 the call or its input is wrong, 130 interrupted.")]
+pub(crate) struct VerifyArguments {
+    /// Names in config/trials, or paths [default: paper-gsta paper-agsta paper-pid]
+    #[arg(value_name = "TRIAL")]
+    pub(crate) trials: Vec<String>,
+
+    /// Simulated seconds
+    #[arg(long, value_name = "S", default_value = "60", value_parser = positive)]
+    pub(crate) duration: f64,
+
+    /// Use this router instead of starting one
+    #[arg(long, value_name = "ENDPOINT")]
+    pub(crate) router: Option<String>,
+
+    /// Print one JSON object instead of a table
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+/// Arguments of `set`.
+#[derive(Debug, Args)]
+#[command(after_help = "Names:
+  mode                       neutral, depth_heading_hold, follow_net
+  depth_m  heading_rad       set-points; a number, or a profile in JSON: ramp, sine
+  net_distance_m  speed_m_per_s
+  direction                  starboard, port
+  law NAME                   another of the trial's control laws, without a jump in the wrench
+  neutral                    true: no force at once, asks for no authority; false: ends it
+  estimator restart          forget everything and start from the next measurements
+  dvl_silent_for_s SECONDS   the DVL fails
+  thruster_gain JSON         e.g. '{\"thruster\":1,\"gain\":0.5}'
+  SERVICE.PATH               a parameter, as `supertwin get` lists them
+
+Examples:
+  supertwin set depth_m 5
+  supertwin set mode follow_net net_distance_m 2 speed_m_per_s 0.3      all at the same tick
+  supertwin set depth_m '{\"ramp\":{\"to\":5,\"over_s\":20}}'
+  supertwin set controller.law.agsta.beta.surge 4
+  supertwin set neutral true                     emergency
+
+Takes the authority, sends, gives it back, and waits until everything has applied.
+Exit status: 0 applied, 1 refused or not applied in time, 2 the call is wrong or there is no router, 130 interrupted.")]
+pub(crate) struct SetArguments {
+    /// Names and values, in turn
+    #[arg(value_name = "NAME VALUE", required = true, num_args = 2.., allow_negative_numbers = true)]
+    pub(crate) pairs: Vec<String>,
+
+    /// Seconds to wait until it has applied
+    #[arg(long, value_name = "S", default_value = "5", value_parser = positive, conflicts_with = "no_wait")]
+    pub(crate) wait: f64,
+
+    /// Leave as soon as the services have said when it will apply
+    #[arg(long)]
+    pub(crate) no_wait: bool,
+
+    /// Print JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+
+    #[command(flatten)]
+    pub(crate) link: LinkArguments,
+}
+
+/// Arguments of `get`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  supertwin get                                  everything
+  supertwin get controller                       all parameters of a service
+  supertwin get controller.law.agsta.beta --json
+  supertwin get depth_m                          the last command of this name that applied
+  supertwin get lease                            who has the authority
+
+Exit status: 0 done, 1 there is no such thing or nobody is up, 2 the call is wrong or there is no router.")]
+pub(crate) struct GetArguments {
+    /// A service, SERVICE.PATH of a parameter, the name of a command, or `lease` [default: everything]
+    #[arg(value_name = "NAME")]
+    pub(crate) name: Option<String>,
+
+    /// Print JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+
+    #[command(flatten)]
+    pub(crate) link: LinkArguments,
+}
+
+/// Arguments of `list`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  supertwin list
+  supertwin list --for 5 --json                  also what is seldom published
+  supertwin list --connect tcp/192.168.2.2:7447
+
+Exit status: 0 done (also when nobody is up), 2 the call is wrong or there is no router, 130 interrupted.")]
+pub(crate) struct ListArguments {
+    /// Seconds to listen for keys
+    #[arg(long = "for", value_name = "S", default_value = "1.2", value_parser = positive)]
+    pub(crate) for_s: f64,
+
+    /// Print JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+
+    #[command(flatten)]
+    pub(crate) link: LinkArguments,
+}
+
+/// Arguments of `echo`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  supertwin echo 'event/**'                      what happened so far, and what happens
+  supertwin echo estimator/nav --count 1 --json
+  supertwin echo 'state/**' --for 10
+  supertwin echo 'supertwin/*/health/*'          of all vehicles
+
+Exit status: 0 done or stopped, 1 nothing was heard, 2 the call is wrong or there is no router.")]
+pub(crate) struct EchoArguments {
+    /// Key below the vehicle's, or a full one from supertwin/ on; * is one part, ** any number
+    #[arg(value_name = "KEY")]
+    pub(crate) key: String,
+
+    /// End after this many samples
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    pub(crate) count: Option<u64>,
+
+    /// End after this many seconds
+    #[arg(long = "for", value_name = "S", value_parser = positive)]
+    pub(crate) for_s: Option<f64>,
+
+    /// Print one JSON object per line
+    #[arg(long)]
+    pub(crate) json: bool,
+
+    #[command(flatten)]
+    pub(crate) link: LinkArguments,
+}
+
+/// Arguments of `hz`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  supertwin hz estimator/nav
+  supertwin hz 'telemetry/*' --for 20
+  supertwin hz '**' --json                       everything of the vehicle
+
+Exit status: 0 done, 1 nothing was heard, 2 the call is wrong or there is no router, 130 interrupted.")]
+pub(crate) struct HzArguments {
+    /// Key below the vehicle's, or a full one from supertwin/ on; * is one part, ** any number
+    #[arg(value_name = "KEY")]
+    pub(crate) key: String,
+
+    /// Seconds to listen
+    #[arg(long = "for", value_name = "S", default_value = "5", value_parser = positive)]
+    pub(crate) for_s: f64,
+
+    /// Print JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+
+    #[command(flatten)]
+    pub(crate) link: LinkArguments,
+}
+
+/// Arguments of `top`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  supertwin top                                  redraws every second; Ctrl-C ends it
+  supertwin top --json                           one snapshot as JSON
+  supertwin top --count 60 --json > health.jsonl a minute, one object per line
+
+Columns: age: greatest age of an input at a step, in ticks, during the last second; missing, double, late: messages
+of all inputs since the start; step: microseconds; misses: ticks that began too late to be sent.
+Exit status: 0 done or stopped, 1 nobody is up, 2 the call is wrong or there is no router.")]
+pub(crate) struct TopArguments {
+    /// End after this many snapshots [default: on a terminal: never; else 1]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    pub(crate) count: Option<u64>,
+
+    /// Print one JSON object per snapshot
+    #[arg(long)]
+    pub(crate) json: bool,
+
+    #[command(flatten)]
+    pub(crate) link: LinkArguments,
+}
+
+/// Arguments of `doctor`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  supertwin doctor
+  supertwin doctor --zenoh config/zenoh/vehicle-router.json5     examines a router's file, then asks at its listeners
+  supertwin doctor --connect tcp/192.168.2.2:7447 --json
+
+Exit status: 0 nothing is wrong (there may be warnings), 1 something is wrong, 2 the call is wrong.")]
+pub(crate) struct DoctorArguments {
+    /// Print a JSON list
+    #[arg(long)]
+    pub(crate) json: bool,
+
     #[command(flatten)]
     pub(crate) link: LinkArguments,
 }

@@ -1,1 +1,420 @@
 //! `supertwin doctor`: what is wrong with this set-up, and what to do.
+
+use crate::cli::DoctorArguments;
+use crate::failure::{Failure, INTERRUPTED};
+use crate::output;
+use crate::tool::{SERVICES, Tool, progress};
+use serde::Serialize;
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::process::ExitCode;
+use supertwin_lab::Library;
+use supertwin_zenoh::{Health, Link, diagnose, keys, session};
+
+/// Health comes once a second.
+const HEALTH_WAIT_S: f64 = 2.5;
+/// Clocks that differ by more make times of the two ends hard to compare.
+const OFFSET_MS: f64 = 50.0;
+/// Questions to the clock.
+const PINGS: usize = 9;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+enum Verdict {
+    Ok,
+    Warning,
+    Wrong,
+}
+
+/// The outcome of one check.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+struct Finding {
+    check: &'static str,
+    verdict: Verdict,
+    what: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    remedy: Option<String>,
+}
+
+fn ok(check: &'static str, what: impl Into<String>) -> Finding {
+    Finding { check, verdict: Verdict::Ok, what: what.into(), remedy: None }
+}
+
+fn warning(check: &'static str, what: impl Into<String>, remedy: impl Into<String>) -> Finding {
+    Finding { check, verdict: Verdict::Warning, what: what.into(), remedy: Some(remedy.into()) }
+}
+
+fn wrong(check: &'static str, what: impl Into<String>, remedy: impl Into<String>) -> Finding {
+    Finding { check, verdict: Verdict::Wrong, what: what.into(), remedy: Some(remedy.into()) }
+}
+
+/// Collects findings; prints them as they come unless JSON is wanted.
+struct Report {
+    json: bool,
+    found: Vec<Finding>,
+}
+
+impl Report {
+    fn add(&mut self, finding: Finding) {
+        if !self.json {
+            let verdict = match finding.verdict {
+                Verdict::Ok => "ok     ",
+                Verdict::Warning => "warning",
+                Verdict::Wrong => "wrong  ",
+            };
+            let remedy = finding.remedy.as_ref().map(|remedy| format!("\n         → {remedy}")).unwrap_or_default();
+            output::print(&format!("{verdict}  {}: {}{remedy}", finding.check, finding.what));
+        }
+        self.found.push(finding);
+    }
+
+    fn extend(&mut self, findings: Vec<Finding>) {
+        for finding in findings {
+            self.add(finding);
+        }
+    }
+
+    fn end(self) -> Result<ExitCode, Failure> {
+        if self.json {
+            let text = serde_json::to_string(&self.found)
+                .map_err(|cause| Failure::Call(format!("the findings can't be written as JSON: {cause}")))?;
+            output::print(&text);
+        }
+        let wrong = self.found.iter().any(|finding| finding.verdict == Verdict::Wrong);
+        Ok(if wrong { ExitCode::from(1) } else { ExitCode::SUCCESS })
+    }
+}
+
+/// Looks for what is wrong.
+pub(crate) fn doctor(arguments: &DoctorArguments, library: &Library) -> Result<ExitCode, Failure> {
+    let link = arguments.link.link(library, "local", None, None);
+    let mut report = Report { json: arguments.json, found: Vec::new() };
+    let place = link.file.as_ref().map_or("built-in settings".to_owned(), |path| path.display().to_string());
+    let settings = match link.settings().and_then(|settings| link.config().map(|_| settings)) {
+        Ok(settings) => settings,
+        Err(cause) => {
+            report.add(wrong("settings", cause.to_string(), "correct the file, or give another with --zenoh FILE"));
+            return report.end();
+        }
+    };
+    report.add(ok("settings", place));
+    report.extend(files(&settings));
+    report.extend(exposed(&settings));
+    let link = as_client(link, &settings);
+    let tool = match Tool::join(&link) {
+        Ok(tool) => tool,
+        Err(Failure::Link(cause)) => {
+            let remedy = "start one with `supertwin up` or `supertwin serve router`, or say where it is: --connect \
+                          tcp/ADDRESS:7447";
+            report.add(wrong("router", cause.to_string(), remedy));
+            return report.end();
+        }
+        Err(other) => return Err(other),
+    };
+    report.add(ok("router", format!("reached at {}", diagnose::links(&tool.session).join(", "))));
+    vehicle(tool, arguments, &mut report)
+}
+
+/// Everything that needs somebody to answer.
+fn vehicle(mut tool: Tool, arguments: &DoctorArguments, report: &mut Report) -> Result<ExitCode, Failure> {
+    let alive = tool.alive()?;
+    let vehicle = match tool.vehicle(arguments.link.vehicle.as_deref()) {
+        Ok(vehicle) => vehicle,
+        Err(Failure::Verdict(_)) => {
+            report.add(wrong(
+                "services",
+                "none is up",
+                "start them with `supertwin up`, or one by one with `supertwin serve SERVICE`; if they are up, the \
+                 router's access control hides supertwin/*/alive/** from you",
+            ));
+            tool.close();
+            return core::mem::replace(report, Report { json: false, found: Vec::new() }).end();
+        }
+        Err(other) => return Err(other),
+    };
+    let mut instances: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
+    for (_, service, instance) in alive.iter().filter(|(other, ..)| *other == vehicle) {
+        instances.entry(service).or_default().push(instance);
+    }
+    report.extend(services(&vehicle, &instances));
+
+    // Two of each, so that counters that grow are told from those that have grown.
+    tool.inbox.listen(&tool.session, &format!("{}/{}", keys::namespace(&vehicle), keys::health("*")))?;
+    let wanted: usize = instances.values().map(Vec::len).sum();
+    let bar = progress(HEALTH_WAIT_S, "listening to the services", arguments.json);
+    let (began, end) = (tool.clock.now(), tool.after(HEALTH_WAIT_S));
+    let mut healths: BTreeMap<String, (Health, Health)> = BTreeMap::new();
+    while wanted > 0
+        && (healths.len() < wanted || healths.values().any(|(first, last)| first.clock_ns == last.clock_ns))
+        && let Some(heard) = tool.inbox.next(Some(end))
+    {
+        if let Ok(health) = serde_json::from_slice::<Health>(&heard.payload) {
+            healths
+                .entry(health.source.clone())
+                .and_modify(|(_, last)| last.clone_from(&health))
+                .or_insert_with(|| (health.clone(), health));
+        }
+        bar.set_position((tool.clock.now().saturating_sub(began).as_secs_f64() * 10.0) as u64);
+    }
+    bar.finish_and_clear();
+    if tool.stop.interrupted() {
+        tool.close();
+        return Ok(ExitCode::from(INTERRUPTED));
+    }
+    let mut answers = BTreeMap::new();
+    for service in instances.keys() {
+        let key = format!("{}/{}", keys::namespace(&vehicle), keys::state(service, "now"));
+        answers.insert(*service, !diagnose::ask_all(&tool.session, &key)?.is_empty());
+    }
+    let spoke = |service: &str| healths.keys().any(|source| is_instance_of(source, service));
+    if wanted > 0 {
+        report.extend(access(answers.iter().map(|(service, answers)| (*service, spoke(service), *answers))));
+    }
+    report.extend(writers(&healths));
+    if !healths.is_empty() {
+        report.extend(versions(healths.values().map(|(_, last)| last), env!("CARGO_PKG_VERSION")));
+    }
+    if instances.contains_key("controller") {
+        let key = format!("{}/{}", keys::namespace(&vehicle), keys::PING);
+        report.add(clock(diagnose::clock_offset(&tool.session, &key, &*tool.clock, PINGS)?));
+    }
+    tool.close();
+    core::mem::replace(report, Report { json: false, found: Vec::new() }).end()
+}
+
+/// A health message's source is `service-instance`.
+fn is_instance_of(source: &str, service: &str) -> bool {
+    source.strip_prefix(service).is_some_and(|rest| rest.starts_with('-'))
+}
+
+/// Files that the settings name must be there, be readable, and be what they should be.
+fn files(settings: &Value) -> Vec<Finding> {
+    let named = diagnose::files(settings);
+    let bad: Vec<Finding> = named
+        .iter()
+        .filter_map(|(place, path)| {
+            let cause = unreadable(place, path)?;
+            let remedy = format!("correct {place}, or make the file readable for this user");
+            Some(wrong("certificates", format!("{}: {cause} ({place})", path.display()), remedy))
+        })
+        .collect();
+    match (named.len(), bad.is_empty()) {
+        (0, _) => vec![ok("certificates", "none are named: nothing to read")],
+        (n, true) => vec![ok("certificates", format!("{n} files, all readable"))],
+        _ => bad,
+    }
+}
+
+fn unreadable(place: &str, path: &Path) -> Option<String> {
+    match std::fs::read_to_string(path) {
+        Err(cause) => Some(cause.to_string()),
+        Ok(text) if place.contains("/tls/") && !text.contains("-----BEGIN") => Some("is no PEM file".to_owned()),
+        Ok(_) => None,
+    }
+}
+
+/// Discovery and listeners.
+fn exposed(settings: &Value) -> Vec<Finding> {
+    let mut found: Vec<Finding> = session::exposures(settings)
+        .into_iter()
+        .map(|text| {
+            if text.contains("discovery") {
+                let remedy = "remove it: strangers on the same network would be joined with the vehicle";
+                wrong("discovery", text, remedy)
+            } else {
+                let remedy = "listen on tls/… with certificates, on loopback, or on a unix socket";
+                wrong("listeners", text, remedy)
+            }
+        })
+        .collect();
+    for (check, fine) in [("discovery", "off"), ("listeners", "none beyond this machine without TLS")] {
+        if !found.iter().any(|finding| finding.check == check) {
+            found.push(ok(check, fine));
+        }
+    }
+    found
+}
+
+/// A router's file is examined, not obeyed: the doctor is a client of where that router listens.
+fn as_client(mut link: Link, settings: &Value) -> Link {
+    if session::endpoints(settings, "connect").is_empty() {
+        let reachable = session::endpoints(settings, "listen")
+            .into_iter()
+            .filter(|endpoint| !endpoint.ends_with(":0"))
+            .map(|endpoint| endpoint.replace("/0.0.0.0:", "/127.0.0.1:").replace("/[::]:", "/[::1]:"));
+        link.connect = reachable.collect();
+    }
+    link.listen.clear();
+    link.mode = Some("client");
+    link.overrides.extend(
+        ["listen/endpoints=[]", "scouting/multicast/enabled=false", "scouting/gossip/enabled=false"].map(str::to_owned),
+    );
+    link
+}
+
+/// All four, each once.
+fn services(vehicle: &str, instances: &BTreeMap<&str, Vec<&str>>) -> Vec<Finding> {
+    let mut found = Vec::new();
+    for service in SERVICES {
+        if !instances.contains_key(service) {
+            let remedy = format!("start it: supertwin serve {service} --vehicle {vehicle}");
+            found.push(wrong("services", format!("{service} of {vehicle} is missing"), remedy));
+        }
+    }
+    if found.is_empty() {
+        found.push(ok("services", format!("{vehicle}: {}", SERVICES.join(", "))));
+    }
+    for (service, several) in instances.iter().filter(|(_, several)| several.len() > 1) {
+        let names: Vec<String> = several.iter().map(|instance| format!("{service}-{instance}")).collect();
+        let what = format!("{} write the same keys", names.join(" and "));
+        found.push(wrong("writers", what, format!("end all but one {service}")));
+    }
+    found
+}
+
+/// Whether what is alive can also be heard and asked.
+fn access<'a>(services: impl Iterator<Item = (&'a str, bool, bool)>) -> Vec<Finding> {
+    let mut found = Vec::new();
+    for (service, heard, answers) in services {
+        let remedy = |key: &str| {
+            format!(
+                "let this client read supertwin/*/{key} in the router's access_control; if it may, the service hangs"
+            )
+        };
+        match (heard, answers) {
+            (true, true) => {}
+            (false, true) => {
+                let what = format!("{service} answers, but its health isn't heard");
+                found.push(wrong("access", what, remedy("health/**")));
+            }
+            (true, false) => {
+                let what = format!("{service} is heard, but nobody answers state/{service}/now");
+                found.push(wrong("access", what, remedy("state/**")));
+            }
+            (false, false) => {
+                let what = format!("{service} is alive, but neither health nor state of it can be read");
+                found.push(wrong("access", what, remedy("health/** and supertwin/*/state/**")));
+            }
+        }
+    }
+    if found.is_empty() {
+        found.push(ok("access", "health and state of all services can be read"));
+    }
+    found
+}
+
+/// Two writers of one key, as their receivers count them.
+fn writers(healths: &BTreeMap<String, (Health, Health)>) -> Vec<Finding> {
+    let mut found: BTreeMap<&str, Finding> = BTreeMap::new();
+    for (first, last) in healths.values() {
+        for (key, input) in &last.inputs {
+            let before = first.inputs.get(key).map_or(0, |input| input.counts.rivals);
+            let (n, source) = (input.counts.rivals, &input.source);
+            if n > before {
+                let what = format!("{key}: somebody writes it beside {source} ({n} messages so far)");
+                let remedy = "end the other one; `supertwin hz KEY --json` names the writers";
+                found.insert(key, wrong("writers", what, remedy));
+            } else if n > 0 {
+                let what = format!("{key}: {n} messages came from somebody beside {source}, not any more");
+                let remedy = "nothing to do now; `supertwin echo 'event/**'` tells when";
+                found.entry(key).or_insert_with(|| warning("writers", what, remedy));
+            }
+        }
+    }
+    if found.is_empty() && !healths.is_empty() {
+        return vec![ok("writers", "nobody hears a second one")];
+    }
+    found.into_values().collect()
+}
+
+/// Everybody the same version.
+fn versions<'a>(healths: impl Iterator<Item = &'a Health>, ours: &str) -> Vec<Finding> {
+    let others: Vec<Finding> = healths
+        .filter(|health| health.version != ours)
+        .map(|health| {
+            let what = format!("{} is version {}, this is {ours}", health.source, health.version);
+            wrong("versions", what, "install the same version on both ends")
+        })
+        .collect();
+    if others.is_empty() { vec![ok("versions", format!("{ours} everywhere"))] } else { others }
+}
+
+fn clock(offset: Option<diagnose::ClockOffset>) -> Finding {
+    match offset {
+        None => warning("clock", "nobody answers clock/ping", "if the controller is up, let this client query it"),
+        Some(found) => {
+            // Less than the last digit is none, of either sign.
+            let offset = if found.offset_ms.abs() < 0.05 { 0.0 } else { found.offset_ms };
+            let trip = found.round_trip_ms;
+            let what = format!("the vehicle's is {offset:+.1} ms from ours; round trip {trip:.1} ms");
+            // Half the round trip is what can't be known.
+            if offset.abs() - trip / 2.0 > OFFSET_MS {
+                warning("clock", what, "set both clocks, e.g. with chrony; control does not depend on it")
+            } else {
+                ok("clock", what)
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+    use supertwin_zenoh::diagnose::ClockOffset;
+    use supertwin_zenoh::host::InputHealth;
+
+    #[test]
+    fn another_version_is_named_on_both_ends() {
+        let health =
+            |version: &str| Health { source: "plant-1".to_owned(), version: version.to_owned(), ..Health::default() };
+        let found = versions([health("0.1.0"), health("0.2.0")].iter(), "0.1.0");
+        assert_eq!(found.len(), 1);
+        assert_eq!(
+            (found[0].verdict, found[0].what.as_str()),
+            (Verdict::Wrong, "plant-1 is version 0.2.0, this is 0.1.0")
+        );
+        assert_eq!(versions([health("0.1.0")].iter(), "0.1.0")[0].verdict, Verdict::Ok);
+    }
+
+    #[test]
+    fn clocks_far_apart_are_a_warning_and_a_slow_link_is_not() {
+        let verdict = |offset_ms, round_trip_ms| clock(Some(ClockOffset { offset_ms, round_trip_ms })).verdict;
+        assert_eq!(verdict(-70.0, 2.0), Verdict::Warning);
+        assert_eq!(verdict(49.0, 2.0), Verdict::Ok);
+        assert_eq!(verdict(60.0, 300.0), Verdict::Ok);
+        assert_eq!(clock(None).verdict, Verdict::Warning);
+    }
+
+    #[test]
+    fn rivals_that_grow_are_wrong_and_those_of_old_a_warning() {
+        let health = |rivals| {
+            let mut input = InputHealth { source: "controller-1".to_owned(), ..InputHealth::default() };
+            input.counts.rivals = rivals;
+            Health { inputs: BTreeMap::from([("controller/thrust".to_owned(), input)]), ..Health::default() }
+        };
+        let verdict =
+            |first, last| writers(&BTreeMap::from([("plant-1".to_owned(), (health(first), health(last)))]))[0].verdict;
+        assert_eq!(verdict(3, 5), Verdict::Wrong);
+        assert_eq!(verdict(5, 5), Verdict::Warning);
+        assert_eq!(verdict(0, 0), Verdict::Ok);
+        assert!(writers(&BTreeMap::new()).is_empty(), "who heard nothing says nothing");
+    }
+
+    #[test]
+    fn who_is_alive_and_can_not_be_read_is_found() {
+        let found =
+            access([("plant", true, true), ("guidance", false, true), ("controller", false, false)].into_iter());
+        let services: Vec<&str> = found.iter().map(|finding| finding.what.split(' ').next().expect("word")).collect();
+        assert_eq!(services, ["guidance", "controller"]);
+        assert!(found.iter().all(|finding| finding.verdict == Verdict::Wrong && finding.remedy.is_some()));
+    }
+
+    #[test]
+    fn a_routers_file_makes_a_client_of_that_router() {
+        let listen = json!({ "listen": { "endpoints": ["tcp/0.0.0.0:7447", "tcp/127.0.0.1:0"] } });
+        let link = as_client(Link { mode: Some("router"), ..Link::default() }, &listen);
+        assert_eq!((link.mode, link.connect), (Some("client"), vec!["tcp/127.0.0.1:7447".to_owned()]));
+    }
+}

@@ -34,6 +34,9 @@ pub(crate) enum Failure {
     /// A request was not obeyed.
     #[error(transparent)]
     Client(#[from] supertwin_zenoh::ClientError),
+    /// The call was right, and what it asked for is not so.
+    #[error("{0}")]
+    Verdict(String),
     /// The call itself is wrong.
     #[error("{0}")]
     Call(String),
@@ -44,7 +47,7 @@ impl Failure {
     pub(crate) fn report(&self) -> ExitCode {
         crate::output::warn(&format!("error: {self}"));
         match self {
-            Self::Run { cause: RunError::NonFinite(_), .. } | Self::Client(_) => ExitCode::from(1),
+            Self::Run { cause: RunError::NonFinite(_), .. } | Self::Client(_) | Self::Verdict(_) => ExitCode::from(1),
             _ => ExitCode::from(2),
         }
     }

@@ -1,6 +1,6 @@
 //! `supertwin serve SERVICE` and `supertwin up`: services on the network, one per process or all in one.
 
-use crate::cli::{LinkArguments, PaceArgument, PlacementArguments, ServeArguments, Service, UpArguments};
+use crate::cli::{LinkArguments, PaceArgument, ServeArguments, Service, UpArguments};
 use crate::clock::Stopwatch;
 use crate::failure::{Failure, INTERRUPTED};
 use crate::output;
@@ -35,6 +35,15 @@ pub(crate) fn serve(arguments: &ServeArguments, library: &Library) -> Result<Exi
     });
     let finished = engine.run(|_| {});
     close(session);
+    if placement.pace == Pace::LockStep {
+        for (service, ticks, wall_s) in &finished.progress {
+            let laps_per_s = *ticks as f64 / wall_s.max(1e-9);
+            let result = json!({ "service": service, "ticks": ticks, "wall_s": wall_s, "laps_per_s": laps_per_s });
+            say(arguments.placement.json, &result, || {
+                format!("{service}: {ticks} ticks in {wall_s:.2} s, {laps_per_s:.0} laps per second")
+            });
+        }
+    }
     Ok(ending(&finished, arguments.placement.pace))
 }
 
@@ -190,25 +199,5 @@ impl LinkArguments {
             namespace: vehicle.map(keys::namespace),
             patience_ms: 3000,
         }
-    }
-}
-
-impl PlacementArguments {
-    /// The same trial for another process.
-    pub(crate) fn again(&self) -> Vec<String> {
-        let mut words = vec!["--trial".to_owned(), self.trial.clone()];
-        if let Some(controller) = &self.controller {
-            words.extend(["--controller".to_owned(), controller.clone()]);
-        }
-        if let Some(seed) = self.seed {
-            words.extend(["--seed".to_owned(), seed.to_string()]);
-        }
-        if let Some(duration) = self.duration {
-            words.extend(["--duration".to_owned(), duration.to_string()]);
-        }
-        if self.no_mission {
-            words.push("--no-mission".to_owned());
-        }
-        words
     }
 }

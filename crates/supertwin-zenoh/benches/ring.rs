@@ -1,0 +1,296 @@
+//! The ring over the network beside a ring of plain Zenoh calls: laps per second, latency at 50 Hz, and fleets.
+//!
+//! ```text
+//! cargo build --release && cargo bench -p supertwin-zenoh --bench ring          all of it, about three minutes
+//! cargo bench -p supertwin-zenoh --bench ring -- lockstep | realtime | up | fleet
+//! ```
+//! Both rings have the same processes, hops, fan-out, payload sizes and quality of service, and the same router. Each
+//! process of the plain ring waits on Zenoh's own channel and puts from its main thread.
+#![allow(clippy::unwrap_used, clippy::print_stdout, reason = "a bench may panic and print")]
+
+use serde_json::Value;
+use std::io::{BufRead, BufReader};
+use std::process::{Child, ChildStdout, Command, Stdio};
+use std::time::Duration;
+use supertwin_zenoh::{Clock, Link, SystemClock};
+use zenoh::Wait;
+use zenoh::qos::{CongestionControl, Priority};
+
+/// A wire of the plain ring: its name, its typical size in bytes, who waits for it.
+const WIRES: [(&str, usize, &[&str]); 4] = [
+    ("measurements", 300, &["estimator"]),
+    ("nav", 1050, &["guidance", "controller"]),
+    ("reference", 500, &["controller"]),
+    ("thrust", 500, &["plant", "estimator", "controller"]),
+];
+
+fn main() {
+    let words: Vec<String> = std::env::args().skip(1).filter(|word| word != "--bench").collect();
+    let words: Vec<&str> = words.iter().map(String::as_str).collect();
+    match words.as_slice() {
+        ["participant", name, endpoint, laps, pace_hz] => {
+            participant(name, endpoint, laps.parse().unwrap(), pace_hz.parse().unwrap());
+        }
+        [] => {
+            lock_step();
+            real_time();
+            up();
+            fleet();
+        }
+        ["lockstep"] => lock_step(),
+        ["realtime"] => real_time(),
+        ["up"] => up(),
+        ["fleet"] => fleet(),
+        other => panic!("{other:?}: must be nothing, lockstep, realtime, up or fleet"),
+    }
+}
+
+/// A child that ends with the bench.
+struct Process(Child, BufReader<ChildStdout>);
+
+impl Process {
+    fn start(program: &std::path::Path, words: &[&str]) -> Self {
+        let mut child = Command::new(program)
+            .args(words)
+            .env("SUPERTWIN_CONFIG", concat!(env!("CARGO_MANIFEST_DIR"), "/../../config"))
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap_or_else(|error| panic!("{}: {error}; run cargo build --release first", program.display()));
+        let stdout = BufReader::new(child.stdout.take().unwrap());
+        Self(child, stdout)
+    }
+
+    fn supertwin(words: &[&str]) -> Self {
+        let here = std::env::current_exe().unwrap();
+        Self::start(&here.parent().unwrap().parent().unwrap().join("supertwin"), words)
+    }
+
+    fn line(&mut self) -> Value {
+        let mut line = String::new();
+        self.1.read_line(&mut line).unwrap();
+        serde_json::from_str(&line).unwrap_or_else(|error| panic!("{error}: {line:?}"))
+    }
+
+    /// Processor time used so far, in seconds.
+    fn cpu_s(&self) -> f64 {
+        let stat = std::fs::read_to_string(format!("/proc/{}/stat", self.0.id())).unwrap();
+        let fields: Vec<&str> = stat.rsplit_once(") ").unwrap().1.split(' ').collect();
+        (fields[11].parse::<f64>().unwrap() + fields[12].parse::<f64>().unwrap()) / 100.0
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+fn router() -> (Process, String) {
+    let mut router = Process::supertwin(&["serve", "router", "--listen", "tcp/127.0.0.1:0", "--json"]);
+    let endpoint = router.line()["listening"][0].as_str().unwrap().to_owned();
+    (router, endpoint)
+}
+
+fn client(endpoint: &str) -> zenoh::Session {
+    let link = Link { mode: Some("client"), connect: vec![endpoint.to_owned()], patience_ms: 5000, ..Link::default() };
+    link.open().unwrap()
+}
+
+/// One process of the plain ring. The plant prints its laps per second, or the quantiles of its latency.
+fn participant(name: &str, endpoint: &str, laps: u64, pace_hz: f64) {
+    let session = client(endpoint);
+    let clock = SystemClock::start();
+    let inputs: Vec<_> = WIRES
+        .iter()
+        .filter(|(_, _, who)| who.contains(&name))
+        .map(|(wire, _, _)| session.declare_subscriber(format!("raw/{wire}")).wait().unwrap())
+        .collect();
+    let (wire, size, waiting) =
+        WIRES[["plant", "estimator", "guidance", "controller"].iter().position(|service| *service == name).unwrap()];
+    let publisher = session
+        .declare_publisher(format!("raw/{wire}"))
+        .congestion_control(CongestionControl::Drop)
+        .priority(Priority::InteractiveHigh)
+        .express(true)
+        .wait()
+        .unwrap();
+    let listener = publisher.matching_listener().wait().unwrap();
+    if !publisher.matching_status().wait().unwrap().matching() {
+        while !listener.recv().unwrap().matching() {}
+    }
+    assert!(!waiting.is_empty());
+    // Everybody says that it is there; who is not waited for by the plant would miss the first lap.
+    let _token = session.liveliness().declare_token(format!("raw/alive/{name}")).wait().unwrap();
+    if name == "plant" {
+        while session.liveliness().get("raw/alive/*").wait().unwrap().into_iter().count() < 4 {}
+    }
+    let mut payload = vec![b'x'; size];
+    let number = |bytes: &[u8]| u64::from_le_bytes(bytes[..8].try_into().unwrap());
+    let mut latencies = Vec::new();
+    let began = clock.now();
+    let mut sent = began;
+    for lap in 0..laps {
+        for input in &inputs {
+            let delayed = name == "plant" || input.key_expr().as_str().ends_with("thrust");
+            let Some(wanted) = lap.checked_sub(u64::from(delayed)) else { continue };
+            while number(&input.recv().unwrap().payload().to_bytes()) != wanted {}
+        }
+        if name == "plant" {
+            if lap > 0 {
+                latencies.push(clock.now().saturating_sub(sent).as_secs_f64() * 1e6);
+            }
+            if pace_hz > 0.0 {
+                let due = began + Duration::from_secs_f64(lap as f64 / pace_hz);
+                while clock.now() < due {
+                    std::thread::park_timeout(due.saturating_sub(clock.now()));
+                }
+            }
+        }
+        payload[..8].copy_from_slice(&lap.to_le_bytes());
+        publisher.put(payload.clone()).wait().unwrap();
+        sent = clock.now();
+    }
+    if name == "plant" {
+        let wall_s = clock.now().saturating_sub(began).as_secs_f64();
+        latencies.sort_by(f64::total_cmp);
+        let quantile = |q: f64| latencies[(q * (latencies.len() - 1) as f64) as usize];
+        println!(
+            "{}",
+            serde_json::json!({ "laps_per_s": laps as f64 / wall_s, "p50_us": quantile(0.5), "p99_us": quantile(0.99) })
+        );
+    } else {
+        // The last output still has to be sent.
+        let _ = publisher.matching_status().wait();
+    }
+    session.close().wait().unwrap();
+}
+
+/// One run of the plain ring.
+fn plain(endpoint: &str, laps: u64, pace_hz: f64) -> Value {
+    let here = std::env::current_exe().unwrap();
+    let (laps, pace_hz) = (laps.to_string(), pace_hz.to_string());
+    let start = |name: &str| Process::start(&here, &["participant", name, endpoint, &laps, &pace_hz]);
+    let _others = ["controller", "guidance", "estimator"].map(start);
+    start("plant").line()
+}
+
+/// One run of ours in lock step; telemetry off.
+fn ours(endpoint: &str, duration_s: f64) -> f64 {
+    let duration = duration_s.to_string();
+    let start = |service: &str| {
+        let words = ["serve", service, "--pace", "lockstep", "--telemetry-every", "0", "--json", "--connect", endpoint];
+        let mut process = Process::supertwin(&[&words[..], &["--duration", &duration]].concat());
+        process.line();
+        process
+    };
+    let _others = ["controller", "guidance", "estimator"].map(start);
+    let result = start("plant").line();
+    result["laps_per_s"].as_f64().unwrap()
+}
+
+fn lock_step() {
+    println!("lock step, four processes through a router by TCP on loopback, telemetry off");
+    let (_router, endpoint) = router();
+    let mut ratios = Vec::new();
+    for _ in 0..5 {
+        let plain = plain(&endpoint, 3000, 0.0)["laps_per_s"].as_f64().unwrap();
+        let ours = ours(&endpoint, 60.0);
+        ratios.push(ours / plain);
+        println!("  plain Zenoh {plain:.0} laps/s, supertwin {ours:.0} laps/s, ratio {:.2}", ours / plain);
+    }
+    ratios.sort_by(f64::total_cmp);
+    println!("  median ratio {:.2} (asked: 0.8)", ratios[ratios.len() / 2]);
+}
+
+fn real_time() {
+    println!("real time at 50 Hz, from measurements to the thrust they led to, microseconds");
+    let (_router, endpoint) = router();
+    let plain = plain(&endpoint, 1000, 50.0);
+    println!(
+        "  plain Zenoh   p50 {:.0}  p99 {:.0}",
+        plain["p50_us"].as_f64().unwrap(),
+        plain["p99_us"].as_f64().unwrap()
+    );
+    for telemetry in ["0", "1"] {
+        let session = client(&endpoint);
+        let health = session.declare_subscriber("supertwin/bench/health/plant").wait().unwrap();
+        let words = [
+            "--vehicle",
+            "bench",
+            "--json",
+            "--telemetry-every",
+            telemetry,
+            "--duration",
+            "15",
+            "--connect",
+            &endpoint,
+        ];
+        let start = |service: &str| Process::supertwin(&[&["serve", service][..], &words].concat());
+        let _services = ["controller", "guidance", "estimator", "plant"].map(start);
+        let mut last = Value::Null;
+        while let Ok(Some(sample)) = health.recv_timeout(Duration::from_secs(4)) {
+            last = serde_json::from_slice(&sample.payload().to_bytes()).unwrap();
+        }
+        let [p50, p99] = [0, 1].map(|i| last["loop_us"][i].as_f64().unwrap());
+        let what = if telemetry == "0" { "telemetry off" } else { "with telemetry" };
+        println!("  supertwin     p50 {p50:.0}  p99 {p99:.0}  {what}, {} deadline misses", last["deadline_misses"]);
+    }
+}
+
+fn up() {
+    println!("one process in lock step, router inside");
+    for telemetry in ["0", "1"] {
+        let mut rates = Vec::new();
+        for _ in 0..3 {
+            let folder = tempfile::tempdir().unwrap();
+            let listen = format!("unixsock-stream/{}", folder.path().join("r.sock").display());
+            let words = ["up", "--pace", "lockstep", "--json", "--listen", &listen, "--telemetry-every", telemetry];
+            let mut process = Process::supertwin(&[&words[..], &["--duration", "600"]].concat());
+            process.line();
+            rates.push(process.line()["laps_per_s"].as_f64().unwrap());
+        }
+        let what = if telemetry == "0" { "telemetry off" } else { "with telemetry" };
+        println!("  {what}: {:.0} {:.0} {:.0} laps/s (asked: 20,000 with telemetry off)", rates[0], rates[1], rates[2]);
+    }
+}
+
+fn fleet() {
+    println!("vehicles at 50 Hz on one router, one process each, telemetry on; ten seconds");
+    for count in [1, 5, 10, 20] {
+        let (router, endpoint) = router();
+        let session = client(&endpoint);
+        let health = session.declare_subscriber("supertwin/*/health/plant").wait().unwrap();
+        let names: Vec<String> = (0..count).map(|i| format!("v{i}")).collect();
+        let mut vehicles: Vec<Process> = names
+            .iter()
+            .map(|name| Process::supertwin(&["up", "--json", "--vehicle", name, "--connect", &endpoint]))
+            .collect();
+        vehicles.iter_mut().for_each(|vehicle| drop(vehicle.line()));
+        let cpu = |vehicles: &[Process]| -> f64 { vehicles.iter().map(Process::cpu_s).sum() };
+        let clock = SystemClock::start();
+        // The first two seconds are start-up.
+        let listen = |for_s: u64| {
+            let end = clock.now() + Duration::from_secs(for_s);
+            let (mut p99, mut misses) = (0.0_f64, 0);
+            while let Ok(Some(sample)) = health.recv_timeout(end.saturating_sub(clock.now())) {
+                let value: Value = serde_json::from_slice(&sample.payload().to_bytes()).unwrap();
+                p99 = p99.max(value["loop_us"][1].as_f64().unwrap());
+                misses = misses.max(value["deadline_misses"].as_u64().unwrap());
+            }
+            (p99, misses)
+        };
+        let (_, misses_before) = listen(2);
+        let (before, router_before, began) = (cpu(&vehicles), router.cpu_s(), clock.now());
+        let (p99, misses) = listen(10);
+        let wall_s = clock.now().saturating_sub(began).as_secs_f64();
+        println!(
+            "  {count:2}: {:.0} % of a core for the vehicles, {:.0} % for the router, worst p99 of a lap {:.1} ms, \
+             worst deadline misses {}",
+            100.0 * (cpu(&vehicles) - before) / wall_s,
+            100.0 * (router.cpu_s() - router_before) / wall_s,
+            p99 / 1e3,
+            misses - misses_before.min(misses)
+        );
+    }
+}

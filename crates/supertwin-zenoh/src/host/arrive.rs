@@ -1,0 +1,226 @@
+//! What arrives: messages on ports, set-points, the lease, witnesses, the end of a run.
+
+use super::ports::{Clear, Deliver, Delivered};
+use super::protocol::{STREAMS, Seen, Stop, StreamedSetpoint};
+use super::{Beat, Ending, Host, Pace, Side};
+use crate::authority::{Authority, LeaseState, LeaseView};
+use crate::desk::{Desk, MAX_REQUEST};
+use crate::keys;
+use serde_json::json;
+use std::time::Duration;
+use supertwin_core::run::Severity;
+use supertwin_core::{Watch, Wired};
+use zenoh::bytes::ZBytes;
+
+/// A message from this far in the future is a mistake or an attack.
+const FUTURE_S: f64 = 60.0;
+
+impl<B: Wired + 'static> Host<B> {
+    pub(super) fn wire(&mut self, number: usize, payload: &ZBytes) {
+        match self.wires[number].side {
+            Side::Port(i) => self.port(number, i, payload),
+            Side::Setpoint(i) => self.streamed(i, &payload.to_bytes()),
+            Side::Lease => self.lease_state(&payload.to_bytes()),
+            Side::Stop => self.stop(&payload.to_bytes()),
+            Side::Witness => self.witness(&payload.to_bytes()),
+            Side::Operator => {
+                let gone = payload.to_bytes();
+                let client = String::from_utf8_lossy(&gone);
+                let now = self.clock.now();
+                if let Some(authority) = &mut self.authority
+                    && authority.vanished(&client)
+                {
+                    let state = authority.state(now);
+                    self.tell_state(keys::LEASE_STATE.to_owned(), &state);
+                    self.note(Severity::Warning, format!("operator {client} has vanished; its lease is over"));
+                }
+            }
+        }
+    }
+
+    pub(super) fn port(&mut self, number: usize, i: usize, payload: &ZBytes) {
+        let now = self.clock.now();
+        let elapsed_s = now.saturating_sub(self.heard_at).as_secs_f64();
+        let ahead = (elapsed_s + FUTURE_S) / self.options.tick_s;
+        let known = !self.run.is_empty() || B::OWNS_TIME;
+        let bytes = payload.to_bytes();
+        let was_source = self.wires[number].ledger.source().to_owned();
+        let mut deliver = Deliver {
+            wanted: i,
+            at: 0,
+            payload: &bytes,
+            ledger: &mut self.wires[number].ledger,
+            run: &mut self.run,
+            lock_step: self.options.pace == Pace::LockStep,
+            now,
+            newest_allowed: if known { self.next.saturating_add(ahead as u64) } else { u64::MAX / 2 },
+            outcome: Delivered::Nothing,
+        };
+        B::visit(&mut self.ports, &mut deliver);
+        match deliver.outcome {
+            Delivered::Nothing => {}
+            Delivered::Rejected(rejected) => self.refused(&format!("message on wire {number}: {rejected}")),
+            Delivered::Left { repeat } => self.answer_repetition(repeat, now),
+            Delivered::Changed { source, run, tick } => self.changed(&was_source, &source, &run, tick, payload),
+            Delivered::Taken { tick, clock_ns, trigger, gap, takeover } => {
+                self.heard_at = now;
+                let late_ns = self.clock.unix_ns().saturating_sub(clock_ns);
+                let wire = &mut self.wires[number];
+                wire.held = Some(payload.clone());
+                if clock_ns > 0 {
+                    wire.transport_ms_max = wire.transport_ms_max.max(late_ns as f64 / 1e6);
+                }
+                if B::OWNS_TIME && tick + 1 == self.next {
+                    self.loop_us.add(now.saturating_sub(self.sent_at));
+                }
+                if self.lock_step() {
+                    if tick > self.next {
+                        let source = self.wires[number].ledger.source().to_owned();
+                        let (run, next) = (self.run.clone(), self.next);
+                        self.fail(format!(
+                            "{source} is at tick {tick} of run {run} already and this service at {next}: nobody can \
+                             join a lock-step run later"
+                        ));
+                    }
+                } else {
+                    if trigger {
+                        self.beat.trigger = Some(tick);
+                    } else if tick < self.next.saturating_sub(1) {
+                        self.wires[number].ledger.counts.late += 1;
+                    }
+                    if gap > 0 {
+                        self.note(Severity::Warning, format!("gap: {gap} messages missing from {was_source}"));
+                    }
+                    if takeover {
+                        let source = self.wires[number].ledger.source().to_owned();
+                        self.note(Severity::Info, format!("{source} takes over from {was_source}"));
+                    }
+                }
+            }
+        }
+    }
+
+    /// Another instance or another run: the end of a lock-step run, a fresh start in real time.
+    pub(super) fn changed(&mut self, was: &str, source: &str, run: &str, tick: u64, payload: &ZBytes) {
+        if self.lock_step() {
+            if was.is_empty() || run != self.run {
+                self.fail(format!("{source} belongs to run {run}, this is run {}", self.run));
+            } else {
+                self.fail(format!("{source} came in the place of {was}, without its state"));
+            }
+            return;
+        }
+        self.note(Severity::Warning, format!("run {run} begins at tick {tick}; starts afresh"));
+        self.block = self.pristine.clone();
+        self.watch = Watch::new(&self.block);
+        self.desk = Desk::new(&self.options.mission);
+        self.next = tick;
+        run.clone_into(&mut self.run);
+        self.output = None;
+        self.beat = Beat { due: None, trigger: None };
+        B::visit(&mut self.ports, &mut Clear);
+        for i in 0..self.wires.len() {
+            if let Side::Port(_) = self.wires[i].side {
+                self.wires[i].held = None;
+            }
+        }
+        self.desk.due(tick.saturating_sub(1));
+        // The message that said so is the first of the run.
+        for i in 0..self.wires.len() {
+            if let Side::Port(_) = self.wires[i].side
+                && self.wires[i].ledger.source() == source
+            {
+                self.offer_held(i, payload, run);
+            }
+        }
+        self.beat.trigger = Some(tick);
+    }
+
+    pub(super) fn answer_repetition(&mut self, repeat: bool, now: Duration) {
+        // A doubled message is left; one that was sent again because somebody misses our answer gets it.
+        if self.lock_step() && repeat && now.saturating_sub(self.sent_at) >= self.repeat_first() {
+            self.send_again();
+        }
+    }
+
+    pub(super) fn stop(&mut self, payload: &[u8]) {
+        let Ok(stop) = serde_json::from_slice::<Stop>(payload) else { return };
+        if stop.source == self.source || (!self.run.is_empty() && stop.run != self.run) || self.ending.is_some() {
+            return;
+        }
+        let done = self.options.ticks.is_some_and(|ticks| self.next >= ticks);
+        self.ending = Some(if stop.complete && done { Ending::Complete } else { Ending::Stopped(stop.reason) });
+    }
+
+    pub(super) fn witness(&mut self, payload: &[u8]) {
+        let Ok(seen) = serde_json::from_slice::<Seen>(payload) else { return };
+        if seen.run != self.run {
+            return;
+        }
+        let now = self.clock.now();
+        let name = |source: &str| source.rsplit_once('-').map_or(source.to_owned(), |(name, _)| name.to_owned());
+        let Some(witness) = self.witnesses.iter_mut().find(|witness| witness.name == name(&seen.source)) else {
+            return;
+        };
+        if witness.source.is_empty() {
+            witness.source.clone_from(&seen.source);
+        } else if witness.source != seen.source {
+            let (was, is) = (witness.source.clone(), seen.source);
+            return self.fail(format!("{is} came in the place of {was}, without its state"));
+        }
+        if witness.seen.is_none_or(|tick| seen.tick > tick) {
+            witness.seen = Some(seen.tick);
+            self.heard_at = now;
+        } else {
+            self.answer_repetition(seen.repeat, now);
+        }
+    }
+
+    pub(super) fn lease_state(&mut self, payload: &[u8]) {
+        if self.authority.is_none()
+            && let Ok(state) = serde_json::from_slice::<LeaseState>(payload)
+        {
+            self.lease.update(state, self.clock.now());
+        }
+    }
+
+    pub(super) fn lease(&self) -> &LeaseView {
+        self.authority.as_ref().map_or(&self.lease, Authority::view)
+    }
+
+    pub(super) fn streamed(&mut self, i: usize, payload: &[u8]) {
+        let now = self.clock.now();
+        let taken = (|| {
+            if payload.len() > MAX_REQUEST {
+                return Err(format!("{} bytes", payload.len()));
+            }
+            let sample: StreamedSetpoint = serde_json::from_slice(payload).map_err(|error| error.to_string())?;
+            self.lease().allows(&sample.client, &sample.token, now)?;
+            let stream = &self.streams[i];
+            if stream.client == sample.client && sample.seq <= stream.seq {
+                return Err(format!("seq = {}: must be greater than {}", sample.seq, stream.seq));
+            }
+            if let Some(value) = sample.value {
+                let command =
+                    serde_json::from_value(json!({ STREAMS[i]: value })).map_err(|error| error.to_string())?;
+                self.block.clone().command(self.tick(self.next), &command).map_err(|refusal| refusal.0)?;
+                self.desk.stream(STREAMS[i], value, &sample.client, self.next)?;
+            }
+            Ok(sample)
+        })();
+        match taken {
+            Ok(sample) => {
+                let stream = &mut self.streams[i];
+                stream.live = sample.value.is_some();
+                stream.client = sample.client;
+                stream.seq = sample.seq;
+                stream.heard_at = now;
+                stream.accepted += 1;
+            }
+            Err(why) => {
+                self.streams[i].refused += 1;
+                self.refused(&format!("setpoint/{}: {why}", STREAMS[i]));
+            }
+        }
+    }
+}

@@ -1,0 +1,149 @@
+//! When to step: in lock step when all inputs are there, in real time by trigger or timer.
+
+use super::ports::{Missing, Ready};
+use super::{Ending, Host};
+use std::time::Duration;
+use supertwin_core::Wired;
+use supertwin_core::run::Severity;
+
+/// First wait before an output is repeated in lock step, while no lap has been timed.
+pub(super) const REPEAT_FIRST: Duration = Duration::from_millis(20);
+/// The same in laps: what is only slow must not be taken for lost, or repetitions make it slower still.
+const REPEAT_LAPS: u32 = 4;
+/// The least that comes of it.
+const REPEAT_LEAST: Duration = Duration::from_millis(2);
+/// Longest wait between repetitions.
+const REPEAT_MOST: Duration = Duration::from_millis(250);
+/// After its last tick a service answers the others for this long, when nobody says that the run is over.
+const LINGER: Duration = Duration::from_secs(2);
+/// Before the first message of a run the others may take this long to come up.
+const START_PATIENCE: Duration = Duration::from_secs(60);
+/// The owner of time makes up for at most this much after it was stopped.
+const CATCH_UP_S: f64 = 30.0;
+/// Ticks by which a service may be ahead of the owner of time and still wait for it.
+const LEVEL_TICKS: u64 = 50;
+
+impl<B: Wired + 'static> Host<B> {
+    pub(super) fn poll_lock_step(&mut self) -> bool {
+        let now = self.clock.now();
+        let done = self.options.ticks.is_some_and(|ticks| self.next >= ticks);
+        let mut ready = Ready(self.next, true);
+        B::visit(&mut self.ports, &mut ready);
+        let seen = self.next.checked_sub(1);
+        let witnessed = self.witnesses.iter().all(|witness| seen.is_none_or(|tick| witness.seen >= Some(tick)));
+        if ready.1 && witnessed && !done {
+            let joined_late = !B::OWNS_TIME && self.run.is_empty();
+            if !joined_late {
+                let before = core::mem::replace(&mut self.lap_began, now);
+                self.step(self.next, true);
+                // A lap in which something had to be said again says nothing about the link's speed.
+                let clean = core::mem::take(&mut self.repeated) == 0;
+                if clean && self.next > 1 {
+                    let lap = now.saturating_sub(before);
+                    self.lap = if self.lap.is_zero() { lap } else { (self.lap * 7 + lap) / 8 };
+                }
+                self.repeat_after = self.repeat_first();
+                return true;
+            }
+        }
+        if done && B::OWNS_TIME && ready.1 && witnessed {
+            for _ in 0..3 {
+                self.say_stop(true, "complete");
+            }
+            self.ending = Some(Ending::Complete);
+            return true;
+        }
+        let silent = now.saturating_sub(self.heard_at);
+        if done && !B::OWNS_TIME && silent > LINGER {
+            self.ending = Some(Ending::Complete);
+            return true;
+        }
+        let started = self.wires.iter().any(|wire| wire.held.is_some());
+        let patience = if started { self.options.patience } else { START_PATIENCE.max(self.options.patience) };
+        if silent > patience {
+            let mut missing = Missing(self.next, Vec::new());
+            B::visit(&mut self.ports, &mut missing);
+            let mut waits: Vec<String> = missing.1.into_iter().map(str::to_owned).collect();
+            let unseen = self.witnesses.iter().filter(|witness| witness.seen < seen);
+            waits.extend(unseen.map(|witness| format!("witness {}", witness.name)));
+            let (tick, waits) = (self.next, waits.join(", "));
+            self.fail(format!("tick {tick}: waited {:.0} s for {waits}", silent.as_secs_f64()));
+            return true;
+        }
+        if self.output.is_some() && now.saturating_sub(self.sent_at) >= self.repeat_after {
+            self.repeated += 1;
+            self.send_again();
+            self.repeat_after = (self.repeat_after * 2).min(REPEAT_MOST);
+        }
+        false
+    }
+
+    /// How long to wait for the others before saying the last output again.
+    pub(super) fn repeat_first(&self) -> Duration {
+        if self.lap.is_zero() { REPEAT_FIRST } else { (self.lap * REPEAT_LAPS).clamp(REPEAT_LEAST, REPEAT_MOST) }
+    }
+
+    pub(super) fn poll_real_time(&mut self) -> bool {
+        let now = self.clock.now();
+        let beat = self.beat_length();
+        if self.options.ticks.is_some_and(|ticks| self.next >= ticks) {
+            self.ending = Some(Ending::Complete);
+            return true;
+        }
+        if B::OWNS_TIME {
+            let due = *self.beat.due.get_or_insert(now);
+            if now < due {
+                return false;
+            }
+            // Behind by whole ticks: they are simulated, but only the newest is worth sending.
+            let behind = (now - due).as_nanos() / beat.as_nanos().max(1);
+            let most = (CATCH_UP_S / self.options.tick_s) as u128;
+            if behind > most {
+                let lost = u64::try_from(behind - most).unwrap_or(u64::MAX / 2);
+                self.note(Severity::Error, format!("stopped for too long: {lost} ticks are left out"));
+                self.next += lost;
+                self.steps.skipped += lost;
+                self.beat.due = Some(now);
+                self.step(self.next, true);
+                self.beat.due = Some(now + beat);
+                return true;
+            }
+            let behind = u64::try_from(behind).unwrap_or(0);
+            for _ in 0..behind {
+                self.step(self.next, false);
+            }
+            if behind > 0 {
+                self.steps.deadline_misses += behind;
+                self.note(Severity::Warning, format!("{behind} ticks late: simulated, not sent"));
+            }
+            self.step(self.next, true);
+            self.beat.due = Some(due + beat * u32::try_from(behind + 1).unwrap_or(u32::MAX));
+            return true;
+        }
+        if let Some(tick) = self.beat.trigger.take() {
+            if tick >= self.next {
+                if self.output.is_some() {
+                    self.steps.skipped += tick - self.next;
+                }
+                self.step(tick, true);
+                self.beat.due = Some(now + 2 * beat);
+                return true;
+            }
+            // Ahead of the owner of time: waits until it is level again.
+            self.steps.late_triggers += 1;
+            if self.next - tick < LEVEL_TICKS {
+                self.beat.due = Some(now + 2 * beat);
+            }
+            return false;
+        }
+        if let Some(due) = self.beat.due
+            && now >= due
+        {
+            self.steps.by_timer += 1;
+            self.step(self.next, true);
+            self.beat.due = Some(if due + beat < now { now + beat } else { due + beat });
+            return true;
+        }
+        false
+    }
+}

@@ -1,0 +1,549 @@
+//! Puts any block behind its keys: one step per tick, in lock step or in real time, with commands, events and accounts.
+
+mod arrive;
+mod beat;
+mod health;
+mod ports;
+mod protocol;
+mod rejoin;
+mod request;
+mod say;
+mod step;
+
+pub use health::{Health, InputHealth};
+pub use protocol::{STREAMS, Seen, Stop, StreamedSetpoint};
+pub use rejoin::Now;
+
+use crate::authority::{Authority, LeaseView};
+use crate::clock::Clock;
+use crate::desk::Desk;
+use crate::fault::{Fault, FaultRates};
+use crate::keys;
+use crate::ledger::Ledger;
+use crate::mailbox::{Mailbox, Overflow};
+use crate::outbox::{Letter, Outbox};
+use crate::session::LinkError;
+use beat::REPEAT_FIRST;
+use ports::{AsideKeys, Keys};
+use serde::Serialize;
+use std::collections::VecDeque;
+use std::sync::Arc;
+use std::time::Duration;
+use supertwin_core::digest::DigestProbe;
+use supertwin_core::run::Severity;
+use supertwin_core::{Message, OperatorLink, Tick, Watch, Wired};
+use zenoh::bytes::{Encoding, ZBytes};
+use zenoh::pubsub::{Publisher, Subscriber};
+use zenoh::qos::{CongestionControl, Priority};
+use zenoh::query::{Query, Queryable};
+use zenoh::sample::SampleKind;
+use zenoh::{Session, Wait};
+
+/// How ticks follow each other.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Pace {
+    /// By the wall clock, this many times as fast as real time.
+    RealTime(f64),
+    /// When all inputs of a tick are there.
+    LockStep,
+}
+
+/// How a block is hosted.
+#[derive(Clone, Debug)]
+pub struct HostOptions<C> {
+    /// Name of the run; the owner of time needs one, the others adopt it.
+    pub run: String,
+    /// Tells this instance from another of the same service.
+    pub instance: String,
+    /// How ticks follow each other.
+    pub pace: Pace,
+    /// Length of a tick.
+    pub tick_s: f64,
+    /// Number of ticks; without it, for ever.
+    pub ticks: Option<u64>,
+    /// Telemetry at every n-th tick; 0 for none.
+    pub telemetry_every: u64,
+    /// Timed commands.
+    pub mission: Vec<(u64, C)>,
+    /// Ticks from a request to when it applies.
+    pub lead_ticks: u64,
+    /// In lock step: how long to wait for the others before giving up.
+    pub patience: Duration,
+    /// How long a stream of set-points may pause before the operator counts as lost.
+    pub deadman: Duration,
+    /// Keeps the lease: one service per vehicle.
+    pub keeps_authority: bool,
+    /// Takes streaming set-points.
+    pub takes_setpoints: bool,
+    /// In lock step: witnesses that the ring waits for, kept by the owner of time.
+    pub witnesses: Vec<String>,
+    /// What the codec does to messages on purpose.
+    pub faults: Option<FaultRates>,
+    /// Asks those who are up which run and tick it is; of no use when all start together in one process.
+    pub rejoins: bool,
+    /// Keeps the hash of each step for whoever drives the host.
+    pub keep_digests: bool,
+}
+
+/// How a host ended.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Ending {
+    /// All ticks done.
+    Complete,
+    /// Somebody ended it.
+    Stopped(String),
+    /// It could not go on.
+    Failed(String),
+}
+
+/// A host as the engine sees it, whatever its block.
+pub trait Hosted: Send {
+    /// The service's name.
+    fn service(&self) -> &'static str;
+    /// A message on wire `wire`.
+    fn deliver(&mut self, wire: usize, payload: &ZBytes);
+    /// A request.
+    fn request(&mut self, query: Query);
+    /// Does what can be done now; true when something was.
+    fn poll(&mut self, overflow: Overflow) -> bool;
+    /// When it wants to be polled again, if nothing arrives.
+    fn deadline(&self) -> Option<Duration>;
+    /// Whether it is over, and how.
+    fn ending(&self) -> Option<&Ending>;
+    /// Ends it from outside.
+    fn interrupt(&mut self, reason: &str);
+    /// Steps done, and the time from the first to the last.
+    fn progress(&self) -> (u64, Duration);
+    /// Hashes of the steps since the last call, with their ticks.
+    fn digests(&mut self) -> &mut VecDeque<(u64, u64)>;
+}
+
+/// Wires that are no ports of the block.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Side {
+    Port(usize),
+    Setpoint(usize),
+    Lease,
+    Stop,
+    Witness,
+    Operator,
+}
+
+#[derive(Debug)]
+struct Wire {
+    side: Side,
+    ledger: Ledger,
+    /// The newest payload, for those who start anew.
+    held: Option<ZBytes>,
+    age_max: u64,
+    transport_ms_max: f64,
+}
+
+#[derive(Debug, Default)]
+struct Beat {
+    /// Real time: when the next step is due without a trigger.
+    due: Option<Duration>,
+    /// The newest trigger that has not been acted on.
+    trigger: Option<u64>,
+}
+
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+struct StepCounts {
+    steps: u64,
+    skipped: u64,
+    by_timer: u64,
+    deadline_misses: u64,
+    late_triggers: u64,
+    repeats: u64,
+    not_finite: u64,
+}
+
+#[derive(Debug)]
+struct Witness {
+    name: String,
+    source: String,
+    seen: Option<u64>,
+}
+
+#[derive(Debug, Default)]
+struct Stream {
+    seq: u64,
+    client: String,
+    heard_at: Duration,
+    live: bool,
+    accepted: u64,
+    refused: u64,
+}
+
+/// The last so many durations, in microseconds.
+#[derive(Debug, Default)]
+struct Recent {
+    values: Vec<f64>,
+    next: usize,
+}
+
+impl Recent {
+    const LENGTH: usize = 512;
+
+    fn add(&mut self, duration: Duration) {
+        let us = duration.as_secs_f64() * 1e6;
+        if self.values.len() < Self::LENGTH {
+            self.values.push(us);
+        } else {
+            self.values[self.next] = us;
+        }
+        self.next = (self.next + 1) % Self::LENGTH;
+    }
+
+    /// Median, 99th percentile, maximum; zeros when there is nothing.
+    fn quantiles(&self) -> [f64; 3] {
+        let mut sorted = self.values.clone();
+        sorted.sort_by(f64::total_cmp);
+        [0.5, 0.99, 1.0].map(|q| {
+            let at = (q * (sorted.len().max(1) - 1) as f64).round();
+            sorted.get(at as usize).copied().unwrap_or(0.0)
+        })
+    }
+}
+
+/// A block behind its keys.
+pub struct Host<B: Wired> {
+    block: B,
+    /// The block as it was built: another run starts from here.
+    pristine: B,
+    ports: B::Ports,
+    wires: Vec<Wire>,
+    watch: Watch,
+    probe: DigestProbe,
+    desk: Desk<B::Command>,
+    options: HostOptions<B::Command>,
+    clock: Arc<dyn Clock>,
+    source: String,
+    run: String,
+    next: u64,
+    beat: Beat,
+    output: Option<(u64, B::Out, u64)>,
+    telemetry: Option<Vec<u8>>,
+    seq: u64,
+    event_seq: u64,
+    sent_at: Duration,
+    heard_at: Duration,
+    repeat_after: Duration,
+    /// Smoothed length of a lap on the wall.
+    lap: Duration,
+    lap_began: Duration,
+    /// Repetitions in this lap.
+    repeated: u32,
+    fault: Option<Fault>,
+    witnesses: Vec<Witness>,
+    authority: Option<Authority>,
+    lease: LeaseView,
+    operator_was: OperatorLink,
+    streams: [Stream; STREAMS.len()],
+    steps: StepCounts,
+    refused_reported: (Duration, u64),
+    overflow: Overflow,
+    step_us: Recent,
+    /// Owner of time: from sending a tick's output to what comes back round the ring.
+    loop_us: Recent,
+    began_at: Option<Duration>,
+    health_due: Duration,
+    digests: VecDeque<(u64, u64)>,
+    ending: Option<Ending>,
+    buffer: Vec<u8>,
+    thrown: u64,
+    publisher: Publisher<'static>,
+    stop_publisher: Publisher<'static>,
+    outbox: Outbox,
+    session: Session,
+    asides: Vec<String>,
+    // Kept for what dropping them would undo.
+    _subscribers: Vec<Subscriber<()>>,
+    _liveliness: Vec<Subscriber<()>>,
+    _queryables: Vec<Queryable<()>>,
+    _token: zenoh::liveliness::LivelinessToken,
+}
+
+impl<B: Wired + 'static> Host<B> {
+    /// Declares everything on `session`; `index` is the host's number in `mailbox`.
+    ///
+    /// # Errors
+    /// When something can't be declared.
+    pub fn open(
+        session: &Session,
+        block: B,
+        options: HostOptions<B::Command>,
+        mailbox: &Arc<Mailbox>,
+        index: usize,
+        clock: Arc<dyn Clock>,
+    ) -> Result<Self, LinkError> {
+        let mut ports = B::ports();
+        let mut keys = Keys(Vec::new());
+        B::visit(&mut ports, &mut keys);
+        let mut asides = AsideKeys(Vec::new());
+        block.asides(&mut asides);
+        let mut droppable = vec![keys::telemetry(B::NAME)];
+        droppable.extend(asides.0.iter().cloned());
+        let outbox = Outbox::open(session, B::NAME, &droppable)?;
+        let publisher = wire_publisher(session, B::Out::KEY)?;
+        let stop_publisher = wire_publisher(session, &keys::stop(B::NAME))?;
+
+        let silence = match options.pace {
+            Pace::RealTime(factor) => Duration::from_secs_f64(3.0 * options.tick_s / factor),
+            Pace::LockStep => Duration::MAX,
+        };
+        let mut sides: Vec<(String, Side)> =
+            keys.0.iter().enumerate().map(|(i, (key, _))| ((*key).to_owned(), Side::Port(i))).collect();
+        if options.takes_setpoints {
+            sides.extend(STREAMS.iter().enumerate().map(|(i, name)| (keys::setpoint(name), Side::Setpoint(i))));
+        }
+        if !options.keeps_authority {
+            sides.push((keys::LEASE_STATE.to_owned(), Side::Lease));
+        }
+        if options.pace == Pace::LockStep {
+            sides.push((keys::stop("*"), Side::Stop));
+            if !options.witnesses.is_empty() {
+                sides.push((keys::witness("*"), Side::Witness));
+            }
+        }
+        let mut subscribers = Vec::new();
+        for (number, (key, _)) in sides.iter().enumerate() {
+            let mailbox = Arc::clone(mailbox);
+            let subscriber = session
+                .declare_subscriber(key.clone())
+                .callback(move |sample| {
+                    if sample.kind() == SampleKind::Put {
+                        mailbox.wire(index, number, sample.payload().clone());
+                    }
+                })
+                .wait()
+                .map_err(LinkError::session(format!("subscriber {key}")))?;
+            subscribers.push(subscriber);
+        }
+        let mut liveliness = Vec::new();
+        if options.keeps_authority {
+            let number = sides.len();
+            sides.push((keys::operator("*"), Side::Operator));
+            let mailbox = Arc::clone(mailbox);
+            let gone = session
+                .liveliness()
+                .declare_subscriber(keys::operator("*"))
+                .callback(move |sample| {
+                    if sample.kind() == SampleKind::Delete {
+                        let client = sample.key_expr().as_str().rsplit('/').next().unwrap_or("").to_owned();
+                        mailbox.wire(index, number, ZBytes::from(client));
+                    }
+                })
+                .wait()
+                .map_err(LinkError::session("liveliness of operators"))?;
+            liveliness.push(gone);
+        }
+        let wires = sides
+            .iter()
+            .map(|(_, side)| Wire {
+                side: *side,
+                ledger: Ledger::new(silence),
+                held: None,
+                age_max: 0,
+                transport_ms_max: 0.0,
+            })
+            .collect();
+
+        let mut queryables = Vec::new();
+        let mut served = vec![
+            keys::command(B::NAME, "*"),
+            format!("{}/**", keys::param(B::NAME, "")),
+            keys::held(B::NAME, "**"),
+            keys::state(B::NAME, "now"),
+        ];
+        if options.keeps_authority {
+            served.push(keys::LEASE.to_owned());
+            served.push(keys::PING.to_owned());
+        }
+        for key in served {
+            let mailbox = Arc::clone(mailbox);
+            let queryable = session
+                .declare_queryable(key.clone())
+                .complete(true)
+                .callback(move |query| {
+                    let urgent = query.key_expr().as_str().ends_with("/neutral");
+                    mailbox.request(index, query, urgent);
+                })
+                .wait()
+                .map_err(LinkError::session(format!("queryable {key}")))?;
+            queryables.push(queryable);
+        }
+        let mut states = vec![keys::state(B::NAME, "*")];
+        if options.keeps_authority {
+            states.push(keys::LEASE_STATE.to_owned());
+        }
+        for key in states {
+            let slot = outbox.slot();
+            let queryable = session
+                .declare_queryable(key.clone())
+                .callback(move |query| slot.send(Letter::StateQuery(query)))
+                .wait()
+                .map_err(LinkError::session(format!("queryable {key}")))?;
+            queryables.push(queryable);
+        }
+        let token = session
+            .liveliness()
+            .declare_token(keys::alive(B::NAME, &options.instance))
+            .wait()
+            .map_err(LinkError::session("liveliness token"))?;
+
+        let now = clock.now();
+        let owner = B::OWNS_TIME;
+        let mut host = Self {
+            watch: Watch::new(&block),
+            pristine: block.clone(),
+            block,
+            ports,
+            wires,
+            probe: DigestProbe::default(),
+            desk: Desk::new(&options.mission),
+            source: format!("{}-{}", B::NAME, options.instance),
+            run: if owner { options.run.clone() } else { String::new() },
+            next: 0,
+            beat: Beat::default(),
+            output: None,
+            telemetry: None,
+            seq: 0,
+            event_seq: 0,
+            sent_at: now,
+            heard_at: now,
+            repeat_after: REPEAT_FIRST,
+            lap: Duration::ZERO,
+            lap_began: now,
+            repeated: 0,
+            fault: options.faults.map(|rates| Fault::new(rates, B::NAME)),
+            witnesses: options
+                .witnesses
+                .iter()
+                .map(|name| Witness { name: name.clone(), source: String::new(), seen: None })
+                .collect(),
+            authority: options.keeps_authority.then(Authority::default),
+            lease: LeaseView::default(),
+            operator_was: OperatorLink::Present,
+            streams: Default::default(),
+            steps: StepCounts::default(),
+            refused_reported: (now, 0),
+            overflow: Overflow::default(),
+            step_us: Recent::default(),
+            loop_us: Recent::default(),
+            began_at: None,
+            health_due: now + Duration::from_secs(1),
+            digests: VecDeque::new(),
+            ending: None,
+            buffer: Vec::with_capacity(4096),
+            thrown: 0,
+            publisher,
+            stop_publisher,
+            outbox,
+            session: session.clone(),
+            asides: asides.0,
+            options,
+            clock,
+            _subscribers: subscribers,
+            _liveliness: liveliness,
+            _queryables: queryables,
+            _token: token,
+        };
+        if host.options.rejoins && matches!(host.options.pace, Pace::RealTime(_)) {
+            host.rejoin()?;
+        }
+        if let Some(authority) = &host.authority {
+            let state = authority.state(now);
+            host.tell_state(keys::LEASE_STATE.to_owned(), &state);
+        }
+        host.tell_parameters();
+        Ok(host)
+    }
+
+    fn lock_step(&self) -> bool {
+        self.options.pace == Pace::LockStep
+    }
+
+    /// Length of a tick on the wall.
+    fn beat_length(&self) -> Duration {
+        match self.options.pace {
+            Pace::RealTime(factor) => Duration::from_secs_f64(self.options.tick_s / factor),
+            Pace::LockStep => Duration::ZERO,
+        }
+    }
+
+    fn tick(&self, k: u64) -> Tick {
+        Tick { k, dt_s: self.options.tick_s }
+    }
+}
+
+fn wire_publisher(session: &Session, key: &str) -> Result<Publisher<'static>, LinkError> {
+    session
+        .declare_publisher(key.to_owned())
+        .encoding(Encoding::APPLICATION_JSON)
+        .congestion_control(CongestionControl::Drop)
+        .priority(Priority::InteractiveHigh)
+        .express(true)
+        .wait()
+        .map_err(LinkError::session(format!("publisher {key}")))
+}
+
+impl<B: Wired + 'static> Hosted for Host<B>
+where
+    B::Ports: Send,
+{
+    fn service(&self) -> &'static str {
+        B::NAME
+    }
+
+    fn deliver(&mut self, wire: usize, payload: &ZBytes) {
+        self.wire(wire, payload);
+    }
+
+    fn request(&mut self, query: Query) {
+        self.answer(query);
+    }
+
+    fn poll(&mut self, overflow: Overflow) -> bool {
+        if self.ending.is_some() {
+            return false;
+        }
+        self.housekeeping(overflow);
+        if self.lock_step() { self.poll_lock_step() } else { self.poll_real_time() }
+    }
+
+    fn deadline(&self) -> Option<Duration> {
+        if self.ending.is_some() {
+            return None;
+        }
+        let next = if self.lock_step() {
+            // Without an output there is nothing to repeat; patience is looked at now and then.
+            let look = self.clock.now() + Duration::from_millis(500);
+            Some(if self.output.is_some() { look.min(self.sent_at + self.repeat_after) } else { look })
+        } else {
+            self.beat.due
+        };
+        Some(next.map_or(self.health_due, |next| next.min(self.health_due)))
+    }
+
+    fn ending(&self) -> Option<&Ending> {
+        self.ending.as_ref()
+    }
+
+    fn interrupt(&mut self, reason: &str) {
+        if self.ending.is_none() {
+            self.say_stop(false, reason);
+            self.note(Severity::Info, reason.to_owned());
+            self.ending = Some(Ending::Stopped(reason.to_owned()));
+        }
+    }
+
+    fn progress(&self) -> (u64, Duration) {
+        let since = self.began_at.map_or(Duration::ZERO, |began| self.sent_at.saturating_sub(began));
+        (self.steps.steps, since)
+    }
+
+    fn digests(&mut self) -> &mut VecDeque<(u64, u64)> {
+        &mut self.digests
+    }
+}

@@ -1,0 +1,52 @@
+//! Payloads of the keys that are no message of a block.
+
+use serde::{Deserialize, Serialize};
+
+/// What ends a lock-step run for everybody.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Stop {
+    /// Which run.
+    pub run: String,
+    /// Who says so.
+    pub source: String,
+    /// At which tick.
+    pub tick: u64,
+    /// All ticks were done.
+    pub complete: bool,
+    /// Why.
+    pub reason: String,
+}
+
+/// A witness has seen a tick.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Seen {
+    /// Which run.
+    pub run: String,
+    /// Which witness.
+    pub source: String,
+    /// The newest tick of which it has everything.
+    pub tick: u64,
+    /// Sent again because nothing was heard.
+    #[serde(default)]
+    pub repeat: bool,
+}
+
+/// A streaming set-point.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StreamedSetpoint {
+    /// Who sends.
+    pub client: String,
+    /// Proof of authority.
+    pub token: String,
+    /// Counts the client's samples on this key.
+    pub seq: u64,
+    /// The value; absent when the stream ends and the last value stays.
+    #[serde(default)]
+    pub value: Option<f64>,
+}
+
+/// Names of the set-points that may be streamed.
+pub const STREAMS: [&str; 4] = ["depth_m", "heading_rad", "net_distance_m", "speed_m_per_s"];

@@ -1,0 +1,103 @@
+//! Starting anew while the others run: which run and tick it is, who has the lease, what was in force.
+
+use super::Host;
+use super::ports::{Deliver, Delivered, Keys};
+use crate::keys;
+use crate::ledger::Ledger;
+use crate::session::LinkError;
+use serde::{Deserialize, Serialize};
+use std::time::Duration;
+use supertwin_core::Wired;
+use supertwin_core::run::Severity;
+use zenoh::Wait;
+use zenoh::bytes::ZBytes;
+
+/// Longest wait for those who are up, when a service starts.
+const REJOIN: Duration = Duration::from_millis(300);
+
+impl<B: Wired + 'static> Host<B> {
+    /// Real time: learns from those who are up which run and tick it is, who has the lease, and what the last
+    /// messages were.
+    pub(super) fn rejoin(&mut self) -> Result<(), LinkError> {
+        let ask = |key: String| {
+            self.session
+                .get(key.clone())
+                .target(zenoh::query::QueryTarget::All)
+                .consolidation(zenoh::query::ConsolidationMode::None)
+                .timeout(REJOIN)
+                .wait()
+                .map_err(LinkError::session(key))
+        };
+        // All questions at once: whoever is up answers within a tick, and the wait is one time-out at worst.
+        let (nows, lease) = (ask(keys::state("*", "now"))?, ask(keys::LEASE_STATE.to_owned())?);
+        let mut names = Keys(Vec::new());
+        B::visit(&mut B::ports(), &mut names);
+        let kept = names.0.iter().map(|(key, _)| ask(keys::held("*", key))).collect::<Result<Vec<_>, _>>()?;
+        let payloads = |replies: zenoh::handlers::FifoChannelHandler<zenoh::query::Reply>| -> Vec<ZBytes> {
+            let samples = replies.into_iter().filter_map(|reply| reply.into_result().ok());
+            samples.map(|sample| sample.payload().clone()).collect()
+        };
+        let mut newest: Option<Now> = None;
+        for payload in payloads(nows) {
+            let Ok(now) = serde_json::from_slice::<Now>(&payload.to_bytes()) else { continue };
+            let others = now.source != self.source && !now.run.is_empty() && now.next > 0;
+            if others && newest.as_ref().is_none_or(|best| now.next > best.next) {
+                newest = Some(now);
+            }
+        }
+        let held: Vec<(usize, ZBytes)> = kept
+            .into_iter()
+            .enumerate()
+            .flat_map(|(i, replies)| payloads(replies).into_iter().map(move |payload| (i, payload)))
+            .collect();
+        let lease = payloads(lease);
+        let Some(newest) = newest else { return Ok(()) };
+        if B::OWNS_TIME {
+            self.run.clone_from(&newest.run);
+            self.next = newest.next + 1;
+            // Its mission up to here is history.
+            self.desk.due(self.next.saturating_sub(1));
+            self.note(Severity::Info, format!("rejoins run {} at tick {}", self.run, self.next));
+        }
+        for (i, payload) in held {
+            self.offer_held(i, &payload, &newest.run);
+        }
+        for payload in lease {
+            self.lease_state(&payload.to_bytes());
+        }
+        Ok(())
+    }
+
+    /// A message that somebody kept: known, but nothing new, and no sign that its writer is alive.
+    pub(super) fn offer_held(&mut self, i: usize, payload: &ZBytes, run: &str) {
+        let mut scratch = Ledger::new(Duration::ZERO);
+        let mut its_run = run.to_owned();
+        let mut deliver = Deliver {
+            wanted: i,
+            at: 0,
+            payload: &payload.to_bytes(),
+            ledger: &mut scratch,
+            run: &mut its_run,
+            lock_step: false,
+            now: self.clock.now(),
+            newest_allowed: u64::MAX - 1,
+            outcome: Delivered::Nothing,
+        };
+        B::visit(&mut self.ports, &mut deliver);
+        if let Delivered::Taken { .. } = deliver.outcome {
+            self.wires[i].held = Some(payload.clone());
+        }
+    }
+}
+
+/// Which run and tick it is, for a service that starts anew.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Now {
+    /// The run.
+    pub run: String,
+    /// Who says so.
+    pub source: String,
+    /// The next tick.
+    pub next: u64,
+}

@@ -1,0 +1,154 @@
+//! What is asked: commands, parameters, authority, time, and what a newcomer needs to know.
+
+use super::Host;
+use super::ports::Keys;
+use super::rejoin::Now;
+use crate::authority::{Authority, LeaseAction, LeaseReply, LeaseRequest};
+use crate::desk::{Answer, MAX_REQUEST, Moment, Request};
+use crate::keys;
+use crate::outbox::Letter;
+use serde_json::{Value, json};
+use supertwin_core::Wired;
+use supertwin_core::run::Severity;
+use zenoh::query::Query;
+
+impl<B: Wired + 'static> Host<B> {
+    pub(super) fn answer(&mut self, query: Query) {
+        let key = query.key_expr().as_str().to_owned();
+        let payload = query.payload().map(|payload| payload.to_bytes().into_owned()).unwrap_or_default();
+        let mut parts = key.splitn(3, '/');
+        let (kind, _, name) = (parts.next().unwrap_or(""), parts.next(), parts.next().unwrap_or(""));
+        let answer = match kind {
+            "command" => self.command(name, &payload),
+            "param" if payload.is_empty() => self.parameter(&name.replace('/', ".")),
+            "param" => self.set_parameter(&name.replace('/', "."), &payload),
+            "authority" => self.authority(&payload),
+            "clock" => Ok(json!({ "received_ns": self.clock.unix_ns() })),
+            "state" if name == "now" => {
+                let now = Now { run: self.run.clone(), source: self.source.clone(), next: self.next };
+                serde_json::to_value(now).map_err(|error| json!(error.to_string()))
+            }
+            "state" => {
+                let wire = name.strip_prefix("held/").unwrap_or(name);
+                return self.answer_held(query, wire);
+            }
+            _ => Err(json!({ "status": "refused", "reason": format!("{key}: no such request") })),
+        };
+        let bytes = |value: Value| value.to_string().into_bytes();
+        let own_key = (kind == "state").then(|| keys::state(B::NAME, name));
+        self.outbox.send(Letter::Answer(query, own_key, answer.map(bytes).map_err(bytes)));
+    }
+
+    pub(super) fn answer_held(&self, query: Query, wire: &str) {
+        let mut names = Keys(Vec::new());
+        B::visit(&mut B::ports(), &mut names);
+        let i = names.0.iter().position(|(key, _)| *key == wire);
+        match i.and_then(|i| self.wires[i].held.as_ref()) {
+            Some(payload) => {
+                // The key must be ours, not the question's pattern.
+                let key = Some(keys::held(B::NAME, wire));
+                self.outbox.send(Letter::Answer(query, key, Ok(payload.to_bytes().into_owned())));
+            }
+            None => drop(query),
+        }
+    }
+
+    pub(super) fn moment(&self) -> Moment {
+        Moment { now: self.clock.now(), next: self.next, tick_s: self.options.tick_s, lead: self.options.lead_ticks }
+    }
+
+    pub(super) fn command(&mut self, name: &str, payload: &[u8]) -> Result<Value, Value> {
+        let moment = self.moment();
+        let tick = self.tick(self.next);
+        let (block, lease) = (&self.block, self.authority.as_ref().map_or(&self.lease, Authority::view));
+        let before = self.desk.counts;
+        let answer = self.desk.submit(name, payload, lease, moment, |command| block.clone().command(tick, command));
+        let after = self.desk.counts;
+        let value = serde_json::to_value(&answer).unwrap_or(Value::Null);
+        match answer {
+            Answer::Scheduled { apply_tick, .. } => {
+                if after.scheduled > before.scheduled {
+                    let who = said(payload);
+                    self.note(Severity::Info, format!("command scheduled for tick {apply_tick}: {name} {who}"));
+                }
+                Ok(value)
+            }
+            Answer::Refused { reason, .. } => {
+                self.refused(&format!("command {name} {}: {reason}", said(payload)));
+                Err(value)
+            }
+        }
+    }
+
+    pub(super) fn set_parameter(&mut self, path: &str, payload: &[u8]) -> Result<Value, Value> {
+        let inner = serde_json::from_slice::<Request>(payload).map(|mut request| {
+            request.value = json!({ "path": path, "value": request.value });
+            serde_json::to_vec(&request).unwrap_or_default()
+        });
+        // What is no request is refused by the desk, in its own words.
+        self.command("parameter", &inner.unwrap_or_else(|_| payload.to_vec()))
+    }
+
+    pub(super) fn parameter(&self, path: &str) -> Result<Value, Value> {
+        let parameters = self.block.parameters();
+        let mut place = &parameters;
+        for name in path.split('.').filter(|name| !name.is_empty()) {
+            let next = match place {
+                Value::Object(map) => map.get(name),
+                Value::Array(list) => name.parse::<usize>().ok().and_then(|i| list.get(i)),
+                _ => None,
+            };
+            let reason = || json!({ "status": "refused", "reason": format!("{} has no parameter {path}", B::NAME) });
+            place = next.ok_or_else(reason)?;
+        }
+        Ok(place.clone())
+    }
+
+    pub(super) fn authority(&mut self, payload: &[u8]) -> Result<Value, Value> {
+        let now = self.clock.now();
+        let Some(authority) = &mut self.authority else {
+            return Err(json!({ "reason": "this service does not keep the authority" }));
+        };
+        let request: LeaseRequest = match serde_json::from_slice(payload) {
+            Ok(request) if payload.len() <= MAX_REQUEST => request,
+            Ok(_) => return Err(json!({ "reason": "too large" })),
+            Err(error) => {
+                let reason = format!("authority/lease: {error}");
+                self.refused(&reason);
+                return Err(json!({ "reason": reason }));
+            }
+        };
+        let token = zenoh::session::ZenohId::default().to_string() + &zenoh::session::ZenohId::default().to_string();
+        let (reply, changed) = authority.answer(&request, &token, now);
+        let state = authority.state(now);
+        if changed {
+            // Before the answer and with a higher priority: who is granted may command at once.
+            self.tell_state(keys::LEASE_STATE.to_owned(), &state);
+        }
+        self.lease_event(&request, &reply);
+        let value = serde_json::to_value(&reply).unwrap_or(Value::Null);
+        if reply.reason.is_some() { Err(value) } else { Ok(value) }
+    }
+
+    pub(super) fn lease_event(&mut self, request: &LeaseRequest, reply: &LeaseReply) {
+        match (request.action, &reply.reason) {
+            (LeaseAction::Acquire, None) if reply.token.is_some() => {
+                self.note(Severity::Info, format!("{} has the authority for {} s", request.client, request.for_s));
+            }
+            (LeaseAction::Release, None) => {
+                self.note(Severity::Info, format!("{} gives the authority back", request.client));
+            }
+            (_, Some(reason)) => self.refused(&format!("authority for {:?}: {reason}", request.client)),
+            _ => {}
+        }
+    }
+}
+
+fn said(payload: &[u8]) -> String {
+    let text = String::from_utf8_lossy(&payload[..payload.len().min(200)]);
+    // A token is a secret, also in a log.
+    match serde_json::from_slice::<Request>(payload) {
+        Ok(request) => format!("{} by {} seq {}", request.value, request.client, request.seq),
+        Err(_) => text.chars().filter(|c| !c.is_control()).take(80).collect(),
+    }
+}

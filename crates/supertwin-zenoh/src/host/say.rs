@@ -1,0 +1,91 @@
+//! What a host says: events, states, refusals, the end.
+
+use super::ports::with;
+use super::protocol::Stop;
+use super::{Ending, Host};
+use crate::envelope::{Envelope, encode};
+use crate::outbox::Letter;
+use serde::Serialize;
+use std::borrow::Cow;
+use std::time::Duration;
+use supertwin_core::run::Severity;
+use supertwin_core::{Event, Wired};
+use zenoh::Wait;
+
+impl<B: Wired + 'static> Host<B> {
+    pub(super) fn note(&mut self, severity: Severity, text: String) {
+        let tick = self.next;
+        self.tell(&Event { tick, service: Cow::Borrowed(B::NAME), severity, text: Cow::Owned(text) });
+    }
+
+    pub(super) fn header(&self, k: u64, seq: u64) -> Envelope<'_, ()> {
+        Envelope {
+            run: Cow::Borrowed(&self.run),
+            source: Cow::Borrowed(&self.source),
+            tick: k,
+            seq,
+            sim_time_s: self.tick(k).t_s(),
+            clock_ns: self.clock.unix_ns(),
+            digest: None,
+            repeat: false,
+            data: (),
+        }
+    }
+
+    pub(super) fn tell(&mut self, event: &Event) {
+        self.event_seq += 1;
+        let mut payload = Vec::with_capacity(256);
+        if encode(&with(&self.header(event.tick, self.event_seq), event), &mut payload).is_ok() {
+            self.outbox.send(Letter::Event(payload));
+        }
+    }
+
+    pub(super) fn tell_state(&self, name: String, state: &impl Serialize) {
+        if let Ok(payload) = serde_json::to_vec(state) {
+            self.outbox.send(Letter::State(name, payload));
+        }
+    }
+
+    pub(super) fn tell_parameters(&self) {
+        let parameters = self.block.parameters();
+        if !parameters.is_null() {
+            self.tell_state("parameters".to_owned(), &parameters);
+        }
+    }
+
+    pub(super) fn refused(&mut self, what: &str) {
+        // A flood makes one event a second, not one per message; every one is counted.
+        let (at, count) = &mut self.refused_reported;
+        *count += 1;
+        let now = self.clock.now();
+        if *count == 1 || now.saturating_sub(*at) >= Duration::from_secs(1) {
+            let text = format!("refused: {what} ({count} so far)");
+            *at = now;
+            self.note(Severity::Error, text);
+        }
+    }
+
+    pub(super) fn fail(&mut self, reason: String) {
+        if self.ending.is_none() {
+            self.note(Severity::Error, reason.clone());
+            self.say_stop(false, &reason);
+            self.ending = Some(Ending::Failed(reason));
+        }
+    }
+
+    pub(super) fn say_stop(&self, complete: bool, reason: &str) {
+        let stop = Stop {
+            run: self.run.clone(),
+            source: self.source.clone(),
+            tick: self.next,
+            complete,
+            reason: reason.to_owned(),
+        };
+        if self.lock_step()
+            && let Ok(payload) = serde_json::to_vec(&stop)
+        {
+            // The others also end by their own patience.
+            let _ = self.stop_publisher.put(payload).wait();
+        }
+    }
+}

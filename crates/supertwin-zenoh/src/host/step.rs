@@ -1,0 +1,167 @@
+//! One step of the block with all that belongs to it: commands before, events, output and telemetry after.
+
+use super::Host;
+use super::ports::{AsideWriter, Readiness, Stepped, with};
+use crate::envelope::encode;
+use crate::fault::Fault;
+use crate::telemetry::Shown;
+use serde_json::{Value, json};
+use std::borrow::Cow;
+use supertwin_core::digest::block_digest;
+use supertwin_core::observe::Snapshot;
+use supertwin_core::run::Severity;
+use supertwin_core::{Event, OperatorLink, Wired};
+use zenoh::Wait;
+use zenoh::bytes::ZBytes;
+
+impl<B: Wired + 'static> Host<B> {
+    pub(super) fn operator(&mut self) -> OperatorLink {
+        if !self.options.takes_setpoints {
+            return OperatorLink::Present;
+        }
+        let now = self.clock.now();
+        let (deadman, lease) = (self.options.deadman, self.lease());
+        let silent = self.streams.iter().any(|stream| {
+            // A stream whose client has given the authority back is over.
+            let theirs = lease.holder(now) == Some(stream.client.as_str());
+            stream.live && theirs && now.saturating_sub(stream.heard_at) > deadman
+        });
+        let link = if lease.operator_lost(now) || silent { OperatorLink::Lost } else { OperatorLink::Present };
+        if core::mem::replace(&mut self.operator_was, link) != link {
+            match link {
+                OperatorLink::Lost if silent => self.note(Severity::Warning, "deadman: set-points stopped".to_owned()),
+                OperatorLink::Lost => self.note(Severity::Warning, "operator lost".to_owned()),
+                OperatorLink::Present => self.note(Severity::Info, "operator present".to_owned()),
+            }
+        }
+        link
+    }
+
+    pub(super) fn apply(&mut self, k: u64) -> Vec<Value> {
+        let mut applied = Vec::new();
+        for waiting in self.desk.due(k) {
+            let text = serde_json::to_value(&waiting.command).unwrap_or(Value::Null);
+            let said = waiting.by.as_ref().map_or_else(|| text.to_string(), |by| format!("{text} by {by}"));
+            // Missions speak with the voice they have in batch.
+            let service = if waiting.by.is_some() { B::NAME } else { "mission" };
+            let streaming = waiting.by.as_ref().is_some_and(|by| by.ends_with("streaming"));
+            let (severity, text_of_event) = match self.block.command(self.tick(k), &waiting.command) {
+                Ok(()) => {
+                    self.desk.counts.applied += 1;
+                    if waiting.name.starts_with("parameter") {
+                        self.tell_parameters();
+                    }
+                    let value = text.get(&waiting.name).unwrap_or(&text).clone();
+                    self.tell_state(waiting.name, &json!({ "value": value, "applied_tick": k, "by": waiting.by }));
+                    applied.push(text);
+                    (Severity::Info, format!("command applied: {said}"))
+                }
+                Err(refusal) => (Severity::Error, format!("command refused: {said}: {refusal}")),
+            };
+            if !streaming || severity > Severity::Info {
+                let text = Cow::Owned(text_of_event);
+                self.tell(&Event { tick: k, service: Cow::Borrowed(service), severity, text });
+            }
+        }
+        applied
+    }
+
+    pub(super) fn step(&mut self, k: u64, publish: bool) {
+        let began = self.clock.now();
+        self.began_at.get_or_insert(began);
+        let commands = self.apply(k);
+        let operator = self.operator();
+        let tick = self.tick(k);
+        let mut used = Vec::with_capacity(4);
+        let mut readiness = Readiness { k, ready: true, at: 0, used: &mut used, ages: &mut self.wires };
+        B::visit(&mut self.ports, &mut readiness);
+        let out = self.block.step(tick, B::input(&self.ports, tick, operator));
+        B::visit(&mut self.ports, &mut Stepped);
+        self.next = k + 1;
+        self.steps.steps += 1;
+        let digest = block_digest(&mut self.probe, &self.block, &out);
+        if !self.probe.take_finite() {
+            self.steps.not_finite += 1;
+            let mut shown = Snapshot::of(&self.block);
+            let of_output = Snapshot::of(&out);
+            shown.vectors.extend(of_output.vectors);
+            let path = shown.first_non_finite().map_or("a quantity", |signal| signal.path);
+            let text = format!("tick {k}: {path} is NaN or infinite; not sent");
+            if self.lock_step() {
+                self.fail(text);
+            } else {
+                self.refused(&text);
+            }
+            return;
+        }
+        let mut events = Vec::new();
+        self.watch.after(tick, &self.block, &out, |event| events.push(event));
+        for event in &events {
+            self.tell(event);
+        }
+        if self.options.keep_digests {
+            self.digests.push_back((k, digest));
+        }
+        if publish {
+            self.seq += 1;
+            self.output = Some((k, out, digest));
+            self.send_output(false);
+            self.send_telemetry(k, digest, &used, &commands);
+        }
+        self.step_us.add(self.clock.now().saturating_sub(began));
+    }
+
+    pub(super) fn send_output(&mut self, repeat: bool) {
+        let Some((k, out, digest)) = &self.output else { return };
+        let mut buffer = core::mem::take(&mut self.buffer);
+        buffer.clear();
+        let mut envelope = with(&self.header(*k, self.seq), out);
+        envelope.digest = Some(Cow::Owned(format!("{digest:016x}")));
+        envelope.repeat = repeat;
+        let encoded = encode(&envelope, &mut buffer);
+        let copies = self.fault.as_mut().map_or(1, Fault::copies);
+        if encoded.is_ok() {
+            let payload = ZBytes::from(buffer.as_slice());
+            for _ in 0..copies {
+                // What does not get through is a gap to its receivers, and repeated in lock step.
+                let _ = self.publisher.put(payload.clone()).wait();
+            }
+        }
+        self.buffer = buffer;
+        self.sent_at = self.clock.now();
+    }
+
+    pub(super) fn send_telemetry(&mut self, k: u64, digest: u64, used: &[(&'static str, u64)], commands: &[Value]) {
+        let every = self.options.telemetry_every;
+        if every == 0 || !k.is_multiple_of(every) {
+            return;
+        }
+        let Some((_, out, _)) = &self.output else { return };
+        let mut envelope = with(&self.header(k, self.seq), Shown::<B> { used, commands, signals: (&self.block, out) });
+        envelope.digest = Some(Cow::Owned(format!("{digest:016x}")));
+        let mut payload = Vec::with_capacity(4096);
+        if encode(&envelope, &mut payload).is_err() {
+            self.thrown += 1;
+            return;
+        }
+        if !self.asides.is_empty() {
+            let mut writer = AsideWriter { envelope: self.header(k, self.seq), outbox: &self.outbox, at: 0 };
+            self.block.asides(&mut writer);
+        }
+        let copies = self.fault.as_mut().map_or(1, Fault::copies);
+        for _ in 0..copies {
+            self.outbox.telemetry(0, payload.clone());
+        }
+        self.telemetry = self.lock_step().then_some(payload);
+    }
+
+    pub(super) fn send_again(&mut self) {
+        if self.output.is_some() {
+            self.steps.repeats += 1;
+            self.send_output(true);
+            if let Some(payload) = self.telemetry.clone() {
+                self.outbox.telemetry(0, payload);
+            }
+        }
+    }
+}

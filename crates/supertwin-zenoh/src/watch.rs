@@ -1,0 +1,247 @@
+//! Listening from outside the ring: samples, past events, who comes and goes. Bounded, and never in the network's way.
+
+use crate::clock::Clock;
+use crate::session::LinkError;
+use std::collections::VecDeque;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+use zenoh::key_expr::KeyExpr;
+use zenoh::liveliness::LivelinessToken;
+use zenoh::pubsub::Subscriber;
+use zenoh::sample::{Sample, SampleKind};
+use zenoh::{Session, Wait};
+use zenoh_ext::{AdvancedSubscriber, AdvancedSubscriberBuilderExt, HistoryConfig, RecoveryConfig};
+
+/// Samples that may wait for a slow reader; what is older goes, and is counted.
+const ROOM: usize = 20_000;
+/// How long past events are waited for before new ones are shown.
+const HISTORY: Duration = Duration::from_millis(500);
+
+/// A sample that was heard.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Heard {
+    /// Its full key.
+    pub key: String,
+    /// Its bytes.
+    pub payload: Vec<u8>,
+    /// The key was deleted, or whoever showed to be alive no longer does.
+    pub gone: bool,
+    /// The listener's clock at its arrival.
+    pub at: Duration,
+}
+
+#[derive(Debug, Default)]
+struct Queue {
+    heard: VecDeque<Heard>,
+    lost: u64,
+    interrupted: bool,
+}
+
+#[derive(Debug, Default)]
+struct Shared {
+    queue: Mutex<Queue>,
+    filled: Condvar,
+}
+
+impl Shared {
+    fn lock(&self) -> MutexGuard<'_, Queue> {
+        self.queue.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn push(&self, heard: Heard) {
+        let mut queue = self.lock();
+        if queue.heard.len() >= ROOM {
+            queue.heard.pop_front();
+            queue.lost += 1;
+        }
+        queue.heard.push_back(heard);
+        drop(queue);
+        self.filled.notify_one();
+    }
+}
+
+/// Ends the wait of an inbox, for ever; may be called from any thread.
+#[derive(Clone, Debug)]
+pub struct Interrupter(Arc<Shared>);
+
+impl Interrupter {
+    /// Nobody waits any more.
+    pub fn interrupt(&self) {
+        self.0.lock().interrupted = true;
+        self.0.filled.notify_all();
+    }
+
+    /// Whether that has happened.
+    #[must_use]
+    pub fn interrupted(&self) -> bool {
+        self.0.lock().interrupted
+    }
+}
+
+/// Where everything that one listens to arrives, in order.
+pub struct Inbox {
+    shared: Arc<Shared>,
+    clock: Arc<dyn Clock>,
+    subscribers: Vec<Subscriber<()>>,
+    advanced: Vec<AdvancedSubscriber<()>>,
+}
+
+impl Inbox {
+    /// Listens to nothing yet.
+    #[must_use]
+    pub fn new(clock: Arc<dyn Clock>) -> Self {
+        Self { shared: Arc::default(), clock, subscribers: Vec::new(), advanced: Vec::new() }
+    }
+
+    /// What ends its waits.
+    #[must_use]
+    pub fn interrupter(&self) -> Interrupter {
+        Interrupter(Arc::clone(&self.shared))
+    }
+
+    fn callback(&self) -> impl Fn(Sample) + Send + Sync + 'static {
+        let (shared, clock) = (Arc::clone(&self.shared), Arc::clone(&self.clock));
+        move |sample| {
+            shared.push(Heard {
+                key: sample.key_expr().as_str().to_owned(),
+                payload: sample.payload().to_bytes().into_owned(),
+                gone: sample.kind() == SampleKind::Delete,
+                at: clock.now(),
+            });
+        }
+    }
+
+    /// Listens to `key`, which may have wildcards.
+    ///
+    /// # Errors
+    /// When the session fails.
+    pub fn listen(&mut self, session: &Session, key: &str) -> Result<(), LinkError> {
+        let subscriber = session.declare_subscriber(key.to_owned()).callback(self.callback()).wait();
+        self.subscribers.push(subscriber.map_err(LinkError::session(key))?);
+        Ok(())
+    }
+
+    /// Listens to events: what happened before comes first, and what the network loses is fetched.
+    ///
+    /// # Errors
+    /// When the session fails.
+    pub fn listen_events(&mut self, session: &Session, key: &str) -> Result<(), LinkError> {
+        let subscriber = session
+            .declare_subscriber(key.to_owned())
+            .callback(self.callback())
+            // Also of publishers that come later; with room for the whole cache, so that the recovery of a gap is never
+            // mistaken for a shorter history.
+            .history(HistoryConfig::default().detect_late_publishers().max_samples(crate::outbox::EVENT_CACHE))
+            .recovery(RecoveryConfig::default().heartbeat())
+            .query_timeout(HISTORY)
+            .wait();
+        self.advanced.push(subscriber.map_err(LinkError::session(key))?);
+        Ok(())
+    }
+
+    /// Listens to who comes and goes; who is there already comes first.
+    ///
+    /// # Errors
+    /// When the session fails.
+    pub fn listen_alive(&mut self, session: &Session, key: &str) -> Result<(), LinkError> {
+        let subscriber =
+            session.liveliness().declare_subscriber(key.to_owned()).history(true).callback(self.callback()).wait();
+        self.subscribers.push(subscriber.map_err(LinkError::session(key))?);
+        Ok(())
+    }
+
+    /// The next sample; `None` when there was none until `deadline` by the inbox's clock, or the wait was interrupted.
+    #[must_use]
+    pub fn next(&self, deadline: Option<Duration>) -> Option<Heard> {
+        let mut queue = self.shared.lock();
+        loop {
+            if queue.interrupted {
+                return None;
+            }
+            if let Some(heard) = queue.heard.pop_front() {
+                return Some(heard);
+            }
+            queue = match deadline {
+                None => self.shared.filled.wait(queue).unwrap_or_else(PoisonError::into_inner),
+                Some(deadline) => {
+                    let left = deadline.saturating_sub(self.clock.now());
+                    if left.is_zero() {
+                        return None;
+                    }
+                    self.shared.filled.wait_timeout(queue, left).unwrap_or_else(PoisonError::into_inner).0
+                }
+            };
+        }
+    }
+
+    /// Samples that went because the reader was too slow.
+    #[must_use]
+    pub fn lost(&self) -> u64 {
+        self.shared.lock().lost
+    }
+}
+
+/// Shows that a client is there, until dropped: its lease ends with it.
+pub struct Presence(#[allow(dead_code, reason = "dropping it is its use")] LivelinessToken);
+
+impl Presence {
+    /// Shows it under `key`.
+    ///
+    /// # Errors
+    /// When the session fails.
+    pub fn show(session: &Session, key: &str) -> Result<Self, LinkError> {
+        session.liveliness().declare_token(key.to_owned()).wait().map(Self).map_err(LinkError::session(key))
+    }
+}
+
+/// Whether `text` may be listened to.
+///
+/// # Errors
+/// Says what is wrong with it.
+pub fn check_key(text: &str) -> Result<(), String> {
+    KeyExpr::new(text).map(drop).map_err(|error| crate::session::brief(&error.to_string()))
+}
+
+/// Whether two keys have a key in common.
+#[must_use]
+pub fn overlap(a: &str, b: &str) -> bool {
+    matches!((KeyExpr::new(a), KeyExpr::new(b)), (Ok(a), Ok(b)) if a.intersects(&b))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::clock::SystemClock;
+
+    fn heard(i: usize) -> Heard {
+        Heard { key: i.to_string(), payload: Vec::new(), gone: false, at: Duration::ZERO }
+    }
+
+    #[test]
+    fn a_slow_reader_loses_the_oldest_and_knows_how_many() {
+        let inbox = Inbox::new(Arc::new(SystemClock::start()));
+        for i in 0..ROOM + 3 {
+            inbox.shared.push(heard(i));
+        }
+        assert_eq!(inbox.lost(), 3);
+        assert_eq!(inbox.next(None), Some(heard(3)));
+    }
+
+    #[test]
+    fn waits_end_by_their_deadline_and_by_an_interruption() {
+        let inbox = Inbox::new(Arc::new(SystemClock::start()));
+        assert_eq!(inbox.next(Some(Duration::ZERO)), None);
+        inbox.shared.push(heard(0));
+        inbox.interrupter().interrupt();
+        assert_eq!(inbox.next(None), None, "who was interrupted reads no more");
+    }
+
+    #[test]
+    fn keys_are_checked_and_compared() {
+        assert!(check_key("a/*/b/**").is_ok());
+        for wrong in ["", "/a", "a//b", "a/", "a#b", "a/b*c"] {
+            assert!(check_key(wrong).is_err(), "{wrong}");
+        }
+        assert!(overlap("event/**", "event/plant") && !overlap("health/*", "event/plant"));
+    }
+}

@@ -1,0 +1,214 @@
+//! A participant of a lock-step ring that only looks: it holds the ring back rather than miss a tick.
+
+use crate::clock::Clock;
+use crate::envelope::{Envelope, decode};
+use crate::fault::{Fault, FaultRates};
+use crate::host::{Seen, Stop};
+use crate::keys;
+use crate::mailbox::{Arrival, Mailbox};
+use crate::session::LinkError;
+use crate::telemetry::Telemetry;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+use zenoh::bytes::Encoding;
+use zenoh::qos::{CongestionControl, Priority};
+use zenoh::{Session, Wait};
+
+/// The services whose telemetry a witness wants, in the order of the ring.
+pub const RING: [&str; 4] = ["plant", "estimator", "guidance", "controller"];
+
+/// How a witness looks.
+#[derive(Clone, Debug)]
+pub struct WitnessOptions {
+    /// The name that the plant was told.
+    pub name: String,
+    /// Tells this instance from another.
+    pub instance: String,
+    /// Ticks of the run.
+    pub ticks: u64,
+    /// How long to wait for the ring before giving up.
+    pub patience: Duration,
+    /// What the codec does to acknowledgements on purpose.
+    pub faults: Option<FaultRates>,
+}
+
+/// Why a witness stopped looking.
+#[derive(Debug, thiserror::Error)]
+pub enum WitnessError {
+    /// The network failed.
+    #[error(transparent)]
+    Link(#[from] LinkError),
+    /// The ring stands still.
+    #[error("tick {tick}: nothing from {missing} for {waited_s:.0} s")]
+    Silent {
+        /// Where.
+        tick: u64,
+        /// Who is missing.
+        missing: String,
+        /// How long it waited.
+        waited_s: f64,
+    },
+    /// Somebody ended the run.
+    #[error("tick {tick}: {source_name} ended the run: {reason}; the witness still missed {missing}")]
+    Stopped {
+        /// Where.
+        tick: u64,
+        /// Who.
+        source_name: String,
+        /// Why.
+        reason: String,
+        /// Whose telemetry of this tick had not come.
+        missing: String,
+    },
+    /// A message could not be read.
+    #[error("tick {tick}: {service}: {cause}")]
+    Malformed {
+        /// Where.
+        tick: u64,
+        /// Whose.
+        service: &'static str,
+        /// Why.
+        cause: String,
+    },
+    /// Stopped from outside.
+    #[error("interrupted")]
+    Interrupted,
+}
+
+/// Everything that the four services showed at a tick, in the order of the ring.
+pub type Lap<'a> = [Envelope<'a, Telemetry>; 4];
+
+/// Looks at every tick of a run; `seen` is called once per tick, in order, and says whether to go on.
+///
+/// # Errors
+/// When the ring stands still, is stopped, or says something that can't be read.
+pub fn witness(
+    session: &Session,
+    options: &WitnessOptions,
+    clock: &dyn Clock,
+    mailbox: &Arc<Mailbox>,
+    stop: &AtomicBool,
+    mut seen: impl FnMut(u64, &Lap<'_>) -> bool,
+) -> Result<(), WitnessError> {
+    let mut subscribers = Vec::new();
+    let keys = RING.iter().map(|service| keys::telemetry(service)).chain([keys::stop("*")]);
+    for (number, key) in keys.enumerate() {
+        let mailbox = Arc::clone(mailbox);
+        let subscriber = session
+            .declare_subscriber(key.clone())
+            .callback(move |sample| mailbox.wire(0, number, sample.payload().clone()))
+            .wait()
+            .map_err(LinkError::session(format!("subscriber {key}")))?;
+        subscribers.push(subscriber);
+    }
+    let publisher = session
+        .declare_publisher(keys::witness(&options.name))
+        .encoding(Encoding::APPLICATION_JSON)
+        .congestion_control(CongestionControl::Drop)
+        .priority(Priority::InteractiveHigh)
+        .express(true)
+        .wait()
+        .map_err(LinkError::session("publisher of the witness"))?;
+    let mut fault = options.faults.map(|rates| Fault::new(rates, "witness"));
+    let mut say = |seen: &Seen| {
+        let copies = fault.as_mut().map_or(1, Fault::copies);
+        if let Ok(payload) = serde_json::to_vec(seen) {
+            for _ in 0..copies {
+                // What does not get through is repeated.
+                let _ = publisher.put(payload.clone()).wait();
+            }
+        }
+    };
+    let source = format!("{}-{}", options.name, options.instance);
+    let mut slots: [Option<Vec<u8>>; 4] = [None, None, None, None];
+    let mut next = 0;
+    let mut last: Option<Seen> = None;
+    let (mut heard_at, mut said_at) = (clock.now(), clock.now());
+    let mut repeat_after = FIRST;
+    let mut length = FIRST;
+    let mut repeated = 0;
+    loop {
+        if stop.load(Ordering::Relaxed) {
+            return Err(WitnessError::Interrupted);
+        }
+        while let Some(arrival) = mailbox.take() {
+            let Arrival::Wire(_, number, payload) = arrival else { continue };
+            let bytes = payload.to_bytes();
+            if number == RING.len() {
+                let Ok(stop) = serde_json::from_slice::<Stop>(&bytes) else { continue };
+                if stop.complete && next >= options.ticks {
+                    return Ok(());
+                }
+                let (source_name, reason) = (stop.source, stop.reason);
+                return Err(WitnessError::Stopped { tick: next, source_name, reason, missing: missing(&slots) });
+            }
+            // Only the tick is needed to know whether it is the one that is waited for.
+            let head: Envelope<'_, serde::de::IgnoredAny> =
+                decode(&bytes).map_err(|cause| malformed(next, number, &cause))?;
+            if head.tick == next && slots[number].is_none() {
+                heard_at = clock.now();
+                slots[number] = Some(bytes.into_owned());
+            }
+        }
+        if let [Some(plant), Some(estimator), Some(guidance), Some(controller)] = &slots {
+            let read = |number: usize, bytes| decode(bytes).map_err(|cause| malformed(next, number, &cause));
+            let lap: Lap<'_> = [read(0, plant)?, read(1, estimator)?, read(2, guidance)?, read(3, controller)?];
+            let run = lap[0].run.clone().into_owned();
+            let go_on = seen(next, &lap);
+            let report = Seen { run, source: source.clone(), tick: next, repeat: false };
+            slots = [None, None, None, None];
+            next += 1;
+            if !go_on {
+                return Ok(());
+            }
+            say(&report);
+            let now = clock.now();
+            if core::mem::take(&mut repeated) == 0 {
+                length = (length * 7 + now.saturating_sub(said_at)) / 8;
+            }
+            repeat_after = (length * 4).clamp(LEAST, MOST);
+            said_at = now;
+            last = Some(Seen { repeat: true, ..report });
+            continue;
+        }
+        let now = clock.now();
+        let patience = if next == 0 { options.patience.max(START) } else { options.patience };
+        let silent = now.saturating_sub(heard_at);
+        if silent > patience {
+            if next >= options.ticks {
+                return Ok(());
+            }
+            let (missing, waited_s) = (missing(&slots), silent.as_secs_f64());
+            return Err(WitnessError::Silent { tick: next, missing, waited_s });
+        }
+        if let Some(last) = &last
+            && now.saturating_sub(said_at) >= repeat_after
+        {
+            say(last);
+            repeated += 1;
+            said_at = now;
+            repeat_after = (repeat_after * 2).min(MOST);
+        }
+        mailbox.wait(clock, Some(said_at.max(now) + repeat_after));
+    }
+}
+
+/// A lap, while none has been timed.
+const FIRST: Duration = Duration::from_millis(5);
+/// Least wait before an acknowledgement is repeated; four laps, if that is more.
+const LEAST: Duration = Duration::from_millis(2);
+/// Longest wait between repetitions.
+const MOST: Duration = Duration::from_millis(250);
+/// Before the first tick the services may take this long to come up.
+const START: Duration = Duration::from_secs(60);
+
+/// The services whose slot is empty.
+fn missing(slots: &[Option<Vec<u8>>; 4]) -> String {
+    let missing = RING.iter().zip(slots).filter(|(_, slot)| slot.is_none()).map(|(service, _)| *service);
+    missing.collect::<Vec<_>>().join(", ")
+}
+
+fn malformed(tick: u64, number: usize, cause: &crate::envelope::Rejected) -> WitnessError {
+    WitnessError::Malformed { tick, service: RING[number], cause: cause.to_string() }
+}

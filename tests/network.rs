@@ -1,0 +1,372 @@
+//! Split deployments for real: separate processes, a router, a tether that is cut, stalls or lags, services that are killed.
+
+mod support;
+
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::Duration;
+use supertwin_zenoh::{Client, SystemClock};
+use support::{Cable, Listener, Process, Proxy, Router, following, serve};
+
+/// The vehicle's name in these tests.
+const ROV: &str = "rov";
+
+/// A vehicle with its router and its services; guidance may stand elsewhere.
+struct Vehicle {
+    folder: tempfile::TempDir,
+    trial: PathBuf,
+    router: Router,
+    services: BTreeMap<&'static str, Process>,
+}
+
+impl Vehicle {
+    fn start(namespace: Option<&str>, address: &str) -> Self {
+        let folder = tempfile::tempdir().expect("a folder");
+        let trial = following(folder.path());
+        let router = Router::start(folder.path(), namespace, &format!("{address}:0"));
+        let mut vehicle = Self { folder, trial, router, services: BTreeMap::new() };
+        for service in ["estimator", "controller", "plant"] {
+            vehicle.serve(service, namespace);
+        }
+        vehicle
+    }
+
+    fn serve(&mut self, service: &'static str, namespace: Option<&str>) {
+        let endpoint = self.router.unix.clone();
+        self.serve_at(service, &endpoint, namespace);
+    }
+
+    fn serve_at(&mut self, service: &'static str, endpoint: &str, namespace: Option<&str>) {
+        self.services.insert(service, serve(service, ROV, &self.trial, endpoint, namespace));
+    }
+
+    fn listen(&self) -> Listener {
+        Listener::open(&self.router.unix, ROV)
+    }
+
+    fn folder(&self) -> &Path {
+        self.folder.path()
+    }
+}
+
+fn number(value: &Value, path: &str) -> f64 {
+    value.pointer(path).and_then(Value::as_f64).unwrap_or_else(|| panic!("{path} in {value}"))
+}
+
+fn label(value: &Value, signal: &str) -> String {
+    value["data"]["signals"][signal].as_str().unwrap_or_default().to_owned()
+}
+
+/// True speed over ground, and true depth.
+fn motion(truth: &Value) -> (f64, f64) {
+    let v = |axis: &str| number(truth, &format!("/data/velocity/{axis}_m_per_s"));
+    ((v("surge").powi(2) + v("sway").powi(2)).sqrt(), number(truth, "/data/depth_m"))
+}
+
+/// Until the vehicle follows the net at its speed: true sway near 0.2 m/s, smoothed over two seconds.
+fn travels(listener: &Listener) {
+    let mut smooth = 0.0;
+    listener.until("the vehicle to follow the net", |key, value| {
+        if key == "plant/truth" {
+            smooth += 0.01 * (number(value, "/data/velocity/sway_m_per_s").abs() - smooth);
+        }
+        smooth > 0.12
+    });
+}
+
+fn until_status(listener: &Listener, wanted: &str) -> Duration {
+    let what = format!("the controller's status {wanted}");
+    listener.until(&what, |key, value| key == "telemetry/controller" && label(value, "controller/status") == wanted).1
+}
+
+/// Depth stays near 4 m and nobody is faster than twice the desired speed, waves included, for so many ticks.
+fn stays_bounded(listener: &Listener, ticks: u64) -> f64 {
+    let (mut seen, mut end, mut fastest_at_the_end) = (0, None, 0.0_f64);
+    listener.until("the ticks to pass", |key, value| {
+        if key != "plant/truth" {
+            return false;
+        }
+        let tick = value["tick"].as_u64().expect("a tick");
+        let end = *end.get_or_insert(tick + ticks);
+        let (speed, depth_m) = motion(value);
+        assert!(speed < 0.6, "speed {speed} m/s at tick {tick}");
+        assert!((depth_m - 4.0).abs() < 0.8, "depth {depth_m} m at tick {tick}");
+        assert!(number(value, "/data/net_distance_m") > 1.0, "too near the net at tick {tick}");
+        seen += 1;
+        if tick + 25 > end {
+            fastest_at_the_end = fastest_at_the_end.max(speed);
+        }
+        tick >= end
+    });
+    assert!(seen as f64 > 0.9 * ticks as f64, "truth at {seen} of {ticks} ticks only");
+    fastest_at_the_end
+}
+
+/// Every event of every service, each once and in order.
+fn events_are_complete(events: &BTreeMap<String, Vec<u64>>) {
+    for (service, numbers) in events {
+        let expected: Vec<u64> = (1..=numbers.len() as u64).collect();
+        assert_eq!(numbers, &expected, "events of {service}");
+    }
+}
+
+fn enter(events: &mut BTreeMap<String, Vec<u64>>, texts: &mut Vec<String>, key: &str, value: &Value) {
+    if let Some(service) = key.strip_prefix("event/") {
+        let source = value["source"].as_str().expect("a source");
+        events.entry(format!("{service} {source}")).or_default().push(value["seq"].as_u64().expect("a number"));
+        texts.push(format!("{service}: {}", value["data"]["text"].as_str().expect("a text")));
+    }
+}
+
+/// What was sent, received and missed on a wire agrees, by the receiver's account.
+fn ledger(listener: &Listener, service: &str, wire: &str) -> Value {
+    let (health, _) = listener.until("health", |key, value| {
+        key == format!("health/{service}") && value["inputs"][wire]["received"].as_u64() > Some(0)
+    });
+    let account = health["inputs"][wire].clone();
+    let count = |name: &str| account[name].as_u64().expect("a count");
+    let (first, last) = (account["seq"][0].as_u64().expect("first"), account["seq"][1].as_u64().expect("last"));
+    assert_eq!(count("received") + count("missing"), last - first + 1, "{service} on {wire}: {account}");
+    account
+}
+
+#[test]
+fn guidance_topside_of_a_cut_tether_the_vehicle_brakes_and_holds_by_itself() {
+    let cable = Cable::lay();
+    let (vehicle_side, topside) = match &cable {
+        Some(cable) => (Some(cable.vehicle.as_str()), Some(cable.topside.as_str())),
+        None => (None, None),
+    };
+    let address = cable.as_ref().map_or("127.0.0.1".to_owned(), Cable::address);
+    let mut vehicle = Vehicle::start(vehicle_side, &address);
+    let proxy = cable.is_none().then(|| Proxy::before(&vehicle.router.tcp));
+    let endpoint = proxy.as_ref().map_or(vehicle.router.tcp.clone(), Proxy::endpoint);
+    vehicle.serve_at("guidance", &endpoint, topside);
+    let plug = |plugged: bool| match (&cable, &proxy) {
+        (Some(cable), _) => cable.plug(plugged),
+        (None, Some(proxy)) => proxy.cut(!plugged),
+        (None, None) => unreachable!("one of the two carries the tether"),
+    };
+    let beside = vehicle.listen().listen("plant/truth").listen("telemetry/controller").listen("health/*");
+    travels(&beside);
+
+    plug(false);
+    let cut_at = beside.clock.now();
+    let braking = until_status(&beside, "fallback");
+    let took = braking.saturating_sub(cut_at);
+    assert!(took < Duration::from_millis(1500), "half a second of patience, took {took:?}");
+    let speed = stays_bounded(&beside, 150);
+    assert!(speed < 0.35, "brakes: {speed} m/s, waves included");
+    plug(true);
+    until_status(&beside, "tracking");
+    travels(&beside);
+    let account = ledger(&beside, "guidance", "estimator/nav");
+    let missing = account["missing"].as_u64().expect("a count");
+    assert!((100..400).contains(&missing), "three seconds and the way back are missing: {missing}");
+}
+
+#[test]
+fn a_tether_that_is_cut_stalls_and_lags_by_proxy() {
+    let mut vehicle = Vehicle::start(None, "127.0.0.1");
+    let proxy = Proxy::before(&vehicle.router.tcp);
+    vehicle.serve_at("guidance", &proxy.endpoint(), None);
+    let beside = vehicle.listen().listen("plant/truth").listen("telemetry/controller").listen("health/*");
+    let topside = Listener::open(&proxy.endpoint(), ROV).events();
+    travels(&beside);
+
+    proxy.cut(true);
+    until_status(&beside, "fallback");
+    stays_bounded(&beside, 150);
+    proxy.cut(false);
+    until_status(&beside, "tracking");
+    travels(&beside);
+
+    proxy.stall(true);
+    until_status(&beside, "fallback");
+    stays_bounded(&beside, 150);
+    proxy.stall(false);
+    until_status(&beside, "tracking");
+    travels(&beside);
+
+    proxy.delay(Duration::from_millis(200));
+    stays_bounded(&beside, 200);
+    proxy.delay(Duration::ZERO);
+    until_status(&beside, "tracking");
+    travels(&beside);
+    ledger(&beside, "guidance", "estimator/nav");
+    ledger(&beside, "controller", "guidance/reference");
+
+    // Topside was cut off as well, and yet has every event of the vehicle's own services.
+    let (mut events, mut texts) = (BTreeMap::new(), Vec::new());
+    let fallbacks = |texts: &[String]| texts.iter().filter(|text| *text == "controller: fallback").count();
+    let mut tracking = 0;
+    topside.until("the events of both outages", |key, value| {
+        enter(&mut events, &mut texts, key, value);
+        tracking = texts.iter().filter(|text| *text == "controller: tracking").count();
+        fallbacks(&texts) >= 2 && tracking >= 3
+    });
+    topside.during(Duration::from_millis(700), |key, value| enter(&mut events, &mut texts, key, value));
+    events_are_complete(&events);
+    assert!(events.keys().any(|key| key.starts_with("controller")), "{texts:?}");
+}
+
+#[test]
+fn each_service_killed_in_turn_rejoins_without_a_hand_and_without_a_jump() {
+    let mut vehicle = Vehicle::start(None, "127.0.0.1");
+    vehicle.serve("guidance", None);
+    let beside = vehicle.listen().listen("plant/truth").listen("telemetry/*").listen("controller/thrust");
+    travels(&beside);
+    for service in ["guidance", "estimator", "controller"] {
+        let mut before = None;
+        beside.until("the wrench before", |key, value| {
+            if key == "controller/thrust" {
+                before = Some((value["source"].clone(), value["data"]["allocated"].clone()));
+            }
+            before.is_some()
+        });
+        let (was, last) = before.expect("there was one");
+        vehicle.services.get_mut(service).expect("runs").kill();
+        vehicle.serve(service, None);
+        if service == "controller" {
+            // The first wrench of the new instance continues from the last of the old one.
+            let (first, _) =
+                beside.until("the new controller", |key, value| key == "controller/thrust" && value["source"] != was);
+            let newest = &first["data"]["allocated"];
+            for axis in ["surge", "sway", "heave"] {
+                let jump = number(newest, &format!("/{axis}_n")) - number(&last, &format!("/{axis}_n"));
+                assert!(jump.abs() < 25.0, "{axis} jumps by {jump} N: {last} then {newest}");
+            }
+        }
+        stays_bounded(&beside, 100);
+        until_status(&beside, "tracking");
+        travels(&beside);
+    }
+    // The plant's death is the twin's: a new truth begins where the trial does, at the tick where the others are.
+    let (last, _) = beside.until("truth", |key, _| key == "plant/truth");
+    vehicle.services.get_mut("plant").expect("runs").kill();
+    vehicle.serve("plant", None);
+    let (first, _) =
+        beside.until("a new plant", |key, value| key == "plant/truth" && value["source"] != last["source"]);
+    assert_eq!(first["run"], last["run"], "the run goes on");
+    assert!(first["tick"].as_u64() > last["tick"].as_u64(), "and so does its time");
+    until_status(&beside, "tracking");
+    travels(&beside);
+}
+
+#[test]
+fn a_router_that_restarts_is_found_again() {
+    let mut vehicle = Vehicle::start(None, "127.0.0.1");
+    vehicle.serve("guidance", None);
+    let beside = vehicle.listen().listen("plant/truth").listen("telemetry/controller");
+    travels(&beside);
+    vehicle.router.process.kill();
+    let folder = vehicle.folder().to_owned();
+    vehicle.router = Router::start(&folder, None, "127.0.0.1:0");
+    stays_bounded(&beside, 100);
+    until_status(&beside, "tracking");
+    travels(&beside);
+}
+
+#[test]
+fn the_deadman_acts_within_its_time() {
+    let mut vehicle = Vehicle::start(None, "127.0.0.1");
+    vehicle.serve("guidance", None);
+    let beside = vehicle.listen().listen("telemetry/guidance");
+    let reason = |wanted: &'static str| {
+        move |key: &str, value: &Value| key == "telemetry/guidance" && label(value, "guidance/reason") == wanted
+    };
+    beside.until("guidance to be up", reason("commanded"));
+    let clock = Arc::new(SystemClock::start());
+    let mut pilot = Client::new(beside.session.clone(), ROV, "pilot", clock);
+    pilot.acquire(30.0).expect("is granted");
+    for sample in 0..20 {
+        pilot.stream("speed_m_per_s", Some(0.1 + 0.001 * f64::from(sample))).expect("is sent");
+        beside.during(Duration::from_millis(50), |_, _| {});
+    }
+    let (now, _) = beside.until("telemetry", |key, _| key == "telemetry/guidance");
+    assert_eq!(label(&now, "guidance/reason"), "commanded", "while the stream runs");
+    let speed = now["data"]["signals"]["guidance/reference/setpoint"][1].as_f64().expect("a speed");
+    assert!((0.115..0.12).contains(&speed), "the stream's last value but for its delay: {speed}");
+    let let_go = beside.clock.now();
+    let (_, held) = beside.until("the deadman", reason("operator_lost"));
+    let took = held.saturating_sub(let_go);
+    assert!((400..900).contains(&took.as_millis()), "half a second of patience, took {took:?}");
+    pilot.stream("speed_m_per_s", Some(0.2)).expect("is sent");
+    beside.until("the operator to be back", reason("commanded"));
+    pilot.stream("speed_m_per_s", None).expect("is sent");
+    beside.during(Duration::from_millis(800), |key, value| {
+        assert!(!reason("operator_lost")(key, value), "a stream that was ended needs no hand");
+    });
+    // A lease that runs out without being given back is an operator who is lost.
+    let mut other = Client::new(beside.session.clone(), ROV, "other", Arc::new(SystemClock::start()));
+    assert!(other.acquire(5.0).expect_err("pilot has it").to_string().contains("pilot holds the authority"));
+    pilot.lease(supertwin_zenoh::authority::LeaseAction::Renew, 0.5).expect("is renewed");
+    let (_, lost) = beside.until("the lease to run out", reason("operator_lost"));
+    other.acquire(5.0).expect("nobody has it any more");
+    beside.until("an operator again", reason("commanded"));
+    assert!(lost > held);
+    assert!(other.command("guidance", "depth_m", json!(99.0), None).expect_err("too deep").to_string().contains("99"));
+}
+
+#[test]
+fn two_vehicles_on_one_router_do_not_hear_each_other_and_a_fleet_client_sees_both() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let trial = following(folder.path()).display().to_string();
+    let router = Router::start(folder.path(), None, "127.0.0.1:0");
+    let up = |vehicle: &str, seed: &str| {
+        let words =
+            ["up", "--json", "--trial", &trial, "--vehicle", vehicle, "--seed", seed, "--connect", &router.unix];
+        let mut process = Process::supertwin(&words);
+        assert_eq!(process.json_line()["vehicle"], vehicle);
+        process
+    };
+    let _vehicles = [up("ann", "1"), up("bob", "2")];
+    let fleet = Listener::open(&router.unix, "*").listen("health/controller").listen("event/guidance");
+    let mut sources: BTreeMap<String, String> = BTreeMap::new();
+    let mut deep = Vec::new();
+    let mut client = Client::new(fleet.session.clone(), "ann", "fleet", Arc::new(SystemClock::start()));
+    client.acquire(20.0).expect("is granted");
+    client.command("guidance", "depth_m", json!(5.0), None).expect("is scheduled");
+    fleet.until("both vehicles' health, twice", |key, value| {
+        if key.contains("event") && value["data"]["text"].as_str().is_some_and(|text| text.contains("by fleet")) {
+            deep.push(key.to_owned());
+        }
+        if key.contains("health") && value["tick"].as_u64() > Some(100) {
+            let inputs = &value["inputs"]["estimator/nav"];
+            assert_eq!(inputs["rivals"], 0, "{key}: {inputs}");
+            assert_eq!(inputs["duplicates"], 0, "{key}: {inputs}");
+            sources.insert(key.to_owned(), inputs["source"].as_str().expect("a source").to_owned());
+        }
+        sources.len() == 2
+    });
+    let sources: Vec<String> = sources.into_values().collect();
+    assert_ne!(sources[0], sources[1], "each controller hears its own estimator");
+    assert!(deep.iter().all(|key| key.contains("/ann/")), "only ann was commanded: {deep:?}");
+    assert!(!deep.is_empty());
+}
+
+#[test]
+fn verify_says_yes_to_the_ring_and_a_service_that_comes_later_ends_a_lock_step_run() {
+    let mut verify = Process::supertwin(&["verify", "paper-gsta", "--duration", "1.5", "--json"]);
+    assert_eq!(verify.wait(), 0, "the same bits");
+
+    let folder = tempfile::tempdir().expect("a folder");
+    let trial = following(folder.path()).display().to_string();
+    let router = Router::start(folder.path(), None, "127.0.0.1:0");
+    let start = |service: &str| {
+        let words =
+            ["serve", service, "--pace", "lockstep", "--trial", &trial, "--vehicle", ROV, "--connect", &router.unix];
+        Process::supertwin(&words)
+    };
+    let beside = Listener::open(&router.unix, ROV).listen("plant/measurements");
+    let mut services: Vec<Process> = ["plant", "estimator", "guidance", "controller"].map(start).into();
+    beside.until("the ring to run", |_, value| value["tick"].as_u64() > Some(20));
+    services[1].kill();
+    let mut second = start("estimator");
+    assert_eq!(second.wait(), 1, "it says that it can't join");
+    for service in [0, 2, 3] {
+        assert_eq!(services[service].wait(), 1, "and the others end with it");
+    }
+}
