@@ -10,6 +10,8 @@ use supertwin_core::digest::RunDigest;
 
 /// Requests that are answered between two steps; the rest waits its turn.
 const REQUESTS_AT_ONCE: usize = 8;
+/// Messages that are taken between two looks at the clock: a flood must not keep the hosts from stepping.
+const WIRES_AT_ONCE: usize = 256;
 
 /// Hosts of one process on one thread.
 pub struct Engine {
@@ -60,15 +62,13 @@ impl Engine {
                 self.hosts.iter_mut().for_each(|host| host.interrupt("interrupted"));
                 break;
             }
-            let mut requests = 0;
-            while requests < REQUESTS_AT_ONCE {
+            let (mut wires, mut requests) = (0, 0);
+            while wires < WIRES_AT_ONCE && requests < REQUESTS_AT_ONCE {
                 match self.mailbox.take() {
                     None => break,
                     Some(Arrival::Wire(host, wire, payload)) => {
-                        if std::env::var("DBG").is_ok() {
-                            eprintln!("{:?} deliver {host} {wire} {}", self.clock.now(), payload.len());
-                        }
-                        self.hosts[host].deliver(wire, &payload)
+                        wires += 1;
+                        self.hosts[host].deliver(wire, &payload);
                     }
                     Some(Arrival::Request(host, query)) => {
                         requests += 1;
