@@ -114,4 +114,9 @@ class Vehicle:
 
 def message(sample):
     """The envelope: run, source, tick, seq, sim_time_s, clock_ns, data."""
-    return json.loads(sample.payload.to_bytes())
+
+    def refuse(word):
+        # Python reads NaN and Infinity, which are no JSON, and would hand them on.
+        raise ValueError(f"{word} is no number")
+
+    return json.loads(sample.payload.to_bytes(), parse_constant=refuse)
