@@ -265,7 +265,8 @@ fn a_router_that_restarts_is_found_again() {
     vehicle.router.process.kill();
     let folder = vehicle.folder().to_owned();
     vehicle.router = Router::start(&folder, None, "127.0.0.1:0");
-    stays_bounded(&beside, 100);
+    let speed = stays_bounded(&beside, 100);
+    assert!(speed < 0.6, "{speed} m/s two seconds after the router came back");
     until_status(&beside, "tracking");
     travels(&beside);
 }

@@ -114,6 +114,9 @@ pub enum Wire {
     Thrust,
 }
 
+/// Shortest duration of a ramp and shortest period of a sine.
+const SHORTEST_S: f64 = 1e-3;
+
 /// A set-point that may vary in time. Written as a number or as a table with one of the profiles.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
@@ -192,8 +195,9 @@ impl Setpoint {
             Self::Ramp { over_s, .. } => over_s,
             Self::Sine { period_s, .. } => period_s,
         };
-        if !(time_s > 0.0 && time_s.is_finite()) {
-            return Err(Refusal(format!("{what}: the time {time_s} s must be positive and finite")));
+        // In a shorter time the phase of a sine would overflow, and the set-point be no number.
+        if !(time_s >= SHORTEST_S && time_s.is_finite()) {
+            return Err(Refusal(format!("{what}: the time {time_s} s must be at least {SHORTEST_S} s and finite")));
         }
         let (least, most) = self.bounds();
         if (low..=high).contains(&least) && (low..=high).contains(&most) {
@@ -262,5 +266,10 @@ mod tests {
         assert!(Setpoint::Sine { mean: 1.0, amplitude: 2.0, period_s: 5.0 }.check("d", 0.0, 5.0).is_err());
         assert!(Setpoint::Ramp { to: 1.0, over_s: 0.0 }.check("d", 0.0, 5.0).is_err());
         assert!(Setpoint::Ramp { to: 1.0, over_s: 2.0 }.check("d", 0.0, 5.0).is_ok());
+        let hasty = Setpoint::Sine { mean: 1.0, amplitude: 0.5, period_s: 1e-310 };
+        let mut trajectory = Trajectory::constant(1.0);
+        trajectory.follow(hasty, Tick { k: 0, dt_s: 0.02 });
+        assert!(trajectory.at(Tick { k: 7, dt_s: 0.02 }).is_nan(), "which is why it is refused:");
+        assert!(hasty.check("d", 0.0, 5.0).is_err());
     }
 }

@@ -330,7 +330,7 @@ fn set_points_outside_their_limits_are_refused_with_value_and_rule_and_change_no
         (GuidanceCommand::DepthM(Setpoint::Constant(f64::NAN)), "depth_m = NaN: must lie between 0 and 14"),
         (
             GuidanceCommand::DepthM(Setpoint::Ramp { to: 3.0, over_s: 0.0 }),
-            "depth_m: the time 0 s must be positive and finite",
+            "depth_m: the time 0 s must be at least 0.001 s and finite",
         ),
         (GuidanceCommand::NetDistanceM(Setpoint::Constant(0.5)), "net_distance_m = 0.5: must lie between 1 and 8"),
         (

@@ -12,7 +12,7 @@ use supertwin_core::digest::RunDigest;
 const REQUESTS_AT_ONCE: usize = 8;
 
 /// Arrivals of any kind between two steps: a flood must not keep the hosts from stepping.
-const ARRIVALS_AT_ONCE: usize = 2048;
+const ARRIVALS_AT_ONCE: usize = 256;
 
 /// Hosts of one process on one thread.
 pub struct Engine {

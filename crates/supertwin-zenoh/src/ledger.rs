@@ -124,6 +124,13 @@ impl Ledger {
             self.counts.missing = self.counts.missing.saturating_sub(1);
             return Verdict::New { gap: 0 };
         }
+        if behind >= WINDOW {
+            // Nobody repeats what is this old: the writer counts anew, or somebody has forged a number. The message's
+            // tick decides whether it is news.
+            (self.first_seq, self.last_seq, self.window) = (seq, seq, 1);
+            self.counts.received += 1;
+            return Verdict::New { gap: 0 };
+        }
         self.counts.duplicates += 1;
         Verdict::Duplicate
     }
@@ -166,6 +173,16 @@ mod tests {
             ledger.enter("a", seq, Duration::ZERO);
         }
         assert_eq!(ledger.counts, Counts { received: 5, duplicates: 1, ..Counts::default() });
+    }
+
+    #[test]
+    fn a_forged_number_does_not_deafen() {
+        let mut ledger = Ledger::new(Duration::from_secs(1));
+        for seq in [1, 2, u64::MAX, 3] {
+            let verdict = ledger.enter("a", seq, Duration::ZERO);
+            assert!(matches!(verdict, Verdict::New { .. }), "{seq}: {verdict:?}");
+        }
+        assert_eq!(ledger.range(), [3, 3]);
     }
 
     #[test]

@@ -16,6 +16,7 @@ pub mod engine;
 pub mod envelope;
 pub mod fault;
 pub mod host;
+mod in_order;
 pub mod keys;
 pub mod ledger;
 pub mod mailbox;

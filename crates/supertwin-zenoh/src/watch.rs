@@ -1,6 +1,7 @@
 //! Listening from outside the ring: samples, past events, who comes and goes. Bounded, and never in the network's way.
 
 use crate::clock::Clock;
+use crate::in_order::InOrder;
 use crate::session::LinkError;
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -8,6 +9,7 @@ use std::time::Duration;
 use zenoh::key_expr::KeyExpr;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Subscriber;
+use zenoh::query::{ConsolidationMode, ReplyKeyExpr};
 use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Session, Wait};
 use zenoh_ext::{AdvancedSubscriber, AdvancedSubscriberBuilderExt, HistoryConfig, RecoveryConfig};
@@ -33,6 +35,7 @@ pub struct Heard {
 #[derive(Debug, Default)]
 struct Queue {
     heard: VecDeque<Heard>,
+    events: VecDeque<Heard>,
     lost: u64,
     interrupted: bool,
 }
@@ -55,6 +58,19 @@ impl Shared {
             queue.lost += 1;
         }
         queue.heard.push_back(heard);
+        drop(queue);
+        self.filled.notify_one();
+    }
+}
+
+impl Shared {
+    fn push_event(&self, heard: Heard) {
+        let mut queue = self.lock();
+        if queue.events.len() >= ROOM {
+            queue.events.pop_front();
+            queue.lost += 1;
+        }
+        queue.events.push_back(heard);
         drop(queue);
         self.filled.notify_one();
     }
@@ -84,13 +100,23 @@ pub struct Inbox {
     clock: Arc<dyn Clock>,
     subscribers: Vec<Subscriber<()>>,
     advanced: Vec<AdvancedSubscriber<()>>,
+    /// Whom to ask for events that are missing.
+    session: Option<Session>,
+    order: Mutex<InOrder>,
 }
 
 impl Inbox {
     /// Listens to nothing yet.
     #[must_use]
     pub fn new(clock: Arc<dyn Clock>) -> Self {
-        Self { shared: Arc::default(), clock, subscribers: Vec::new(), advanced: Vec::new() }
+        Self {
+            shared: Arc::default(),
+            clock,
+            subscribers: Vec::new(),
+            advanced: Vec::new(),
+            session: None,
+            order: Mutex::default(),
+        }
     }
 
     /// What ends its waits.
@@ -101,14 +127,7 @@ impl Inbox {
 
     fn callback(&self) -> impl Fn(Sample) + Send + Sync + 'static {
         let (shared, clock) = (Arc::clone(&self.shared), Arc::clone(&self.clock));
-        move |sample| {
-            shared.push(Heard {
-                key: sample.key_expr().as_str().to_owned(),
-                payload: sample.payload().to_bytes().into_owned(),
-                gone: sample.kind() == SampleKind::Delete,
-                at: clock.now(),
-            });
-        }
+        move |sample| shared.push(heard(&sample, clock.now()))
     }
 
     /// Listens to `key`, which may have wildcards.
@@ -121,14 +140,22 @@ impl Inbox {
         Ok(())
     }
 
-    /// Listens to events: what happened before comes first, and what the network loses is fetched.
+    fn event_callback(&self) -> impl Fn(&Sample) + Send + Sync + 'static {
+        let (shared, clock) = (Arc::clone(&self.shared), Arc::clone(&self.clock));
+        move |sample| shared.push_event(heard(sample, clock.now()))
+    }
+
+    /// Listens to events: what happened before comes first, what the network loses is fetched, and the events of each
+    /// service come once and in order.
     ///
     /// # Errors
     /// When the session fails.
     pub fn listen_events(&mut self, session: &Session, key: &str) -> Result<(), LinkError> {
+        let taken = self.event_callback();
+        self.session = Some(session.clone());
         let subscriber = session
             .declare_subscriber(key.to_owned())
-            .callback(self.callback())
+            .callback(move |sample| taken(&sample))
             // Also of publishers that come later; with room for the whole cache, so that the recovery of a gap is never
             // mistaken for a shorter history.
             .history(HistoryConfig::default().detect_late_publishers().max_samples(crate::outbox::EVENT_CACHE))
@@ -153,31 +180,74 @@ impl Inbox {
     /// The next sample; `None` when there was none until `deadline` by the inbox's clock, or the wait was interrupted.
     #[must_use]
     pub fn next(&self, deadline: Option<Duration>) -> Option<Heard> {
-        let mut queue = self.shared.lock();
         loop {
+            let mut order = self.order.lock().unwrap_or_else(PoisonError::into_inner);
+            let now = self.clock.now();
+            let mut queue = self.shared.lock();
             if queue.interrupted {
                 return None;
+            }
+            for event in queue.events.drain(..) {
+                order.push(event, now);
             }
             if let Some(heard) = queue.heard.pop_front() {
                 return Some(heard);
             }
-            queue = match deadline {
-                None => self.shared.filled.wait(queue).unwrap_or_else(PoisonError::into_inner),
-                Some(deadline) => {
-                    let left = deadline.saturating_sub(self.clock.now());
-                    if left.is_zero() {
-                        return None;
+            drop(queue);
+            let questions = order.questions(now);
+            if let Some(event) = order.pop() {
+                return Some(event);
+            }
+            let due = order.due();
+            drop(order);
+            questions.iter().for_each(|key| self.ask_for(key));
+            if deadline.is_some_and(|deadline| now >= deadline) {
+                return None;
+            }
+            let until = [deadline, due].into_iter().flatten().min();
+            let mut queue = self.shared.lock();
+            while queue.heard.is_empty() && queue.events.is_empty() && !queue.interrupted {
+                queue = match until.map(|until| until.saturating_sub(self.clock.now())) {
+                    None => self.shared.filled.wait(queue).unwrap_or_else(PoisonError::into_inner),
+                    Some(left) if left.is_zero() => break,
+                    Some(left) => {
+                        self.shared.filled.wait_timeout(queue, left).unwrap_or_else(PoisonError::into_inner).0
                     }
-                    self.shared.filled.wait_timeout(queue, left).unwrap_or_else(PoisonError::into_inner).0
-                }
-            };
+                };
+            }
         }
+    }
+
+    /// Asks the service behind `key` for the events that it keeps.
+    fn ask_for(&self, key: &str) {
+        let (Some(session), taken) = (&self.session, self.event_callback()) else { return };
+        // A question that fails is asked again, and in the end the gap stays visible in the numbers.
+        let _ = session
+            .get(format!("{key}/@adv/**"))
+            .accept_replies(ReplyKeyExpr::Any)
+            .consolidation(ConsolidationMode::None)
+            .timeout(HISTORY)
+            .callback(move |reply| {
+                if let Ok(sample) = reply.result() {
+                    taken(sample);
+                }
+            })
+            .wait();
     }
 
     /// Samples that went because the reader was too slow.
     #[must_use]
     pub fn lost(&self) -> u64 {
         self.shared.lock().lost
+    }
+}
+
+fn heard(sample: &Sample, at: Duration) -> Heard {
+    Heard {
+        key: sample.key_expr().as_str().to_owned(),
+        payload: sample.payload().to_bytes().into_owned(),
+        gone: sample.kind() == SampleKind::Delete,
+        at,
     }
 }
 

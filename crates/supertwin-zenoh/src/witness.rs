@@ -3,6 +3,7 @@
 use crate::clock::Clock;
 use crate::envelope::{Envelope, decode};
 use crate::fault::{Fault, FaultRates};
+use crate::host::beat::shortest;
 use crate::host::{Seen, Stop};
 use crate::keys;
 use crate::mailbox::{Arrival, Mailbox};
@@ -127,7 +128,7 @@ pub fn witness(
     let (mut heard_at, mut said_at) = (clock.now(), clock.now());
     let mut repeat_after = FIRST;
     let mut length = FIRST;
-    let mut repeated = 0;
+    let mut lap_began = clock.now();
     loop {
         if stop.load(Ordering::Relaxed) {
             return Err(WitnessError::Interrupted);
@@ -164,9 +165,8 @@ pub fn witness(
             }
             say(&report);
             let now = clock.now();
-            if core::mem::take(&mut repeated) == 0 {
-                length = (length * 7 + now.saturating_sub(said_at)) / 8;
-            }
+            length = shortest(length, now.saturating_sub(lap_began));
+            lap_began = now;
             repeat_after = (length * 4).clamp(LEAST, MOST);
             said_at = now;
             last = Some(Seen { repeat: true, ..report });
@@ -186,7 +186,6 @@ pub fn witness(
             && now.saturating_sub(said_at) >= repeat_after
         {
             say(last);
-            repeated += 1;
             said_at = now;
             repeat_after = (repeat_after * 2).min(MOST);
         }

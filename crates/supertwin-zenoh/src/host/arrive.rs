@@ -12,8 +12,8 @@ use supertwin_core::run::Severity;
 use supertwin_core::{Watch, Wired};
 use zenoh::bytes::ZBytes;
 
-/// A message from this far in the future is a mistake or an attack.
-const FUTURE_S: f64 = 60.0;
+/// A message from this far in the future, counted from when something was last heard, is a mistake or an attack.
+const FUTURE_S: f64 = 1.0;
 
 impl<B: Wired + 'static> Host<B> {
     pub(super) fn wire(&mut self, number: usize, payload: &ZBytes) {
@@ -41,7 +41,8 @@ impl<B: Wired + 'static> Host<B> {
     pub(super) fn port(&mut self, number: usize, i: usize, payload: &ZBytes) {
         let now = self.clock.now();
         let elapsed_s = now.saturating_sub(self.heard_at).as_secs_f64();
-        let ahead = (elapsed_s + FUTURE_S) / self.options.tick_s;
+        let factor = if let Pace::RealTime(factor) = self.options.pace { factor } else { 1.0 };
+        let ahead = (elapsed_s * factor + FUTURE_S) / self.options.tick_s;
         let known = !self.run.is_empty() || B::OWNS_TIME;
         let bytes = payload.to_bytes();
         let was_source = self.wires[number].ledger.source().to_owned();

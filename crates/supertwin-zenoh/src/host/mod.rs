@@ -1,7 +1,7 @@
 //! Puts any block behind its keys: one step per tick, in lock step or in real time, with commands, events and accounts.
 
 mod arrive;
-mod beat;
+pub(crate) mod beat;
 mod health;
 mod ports;
 mod protocol;
@@ -229,11 +229,9 @@ pub struct Host<B: Wired> {
     sent_at: Duration,
     heard_at: Duration,
     repeat_after: Duration,
-    /// Smoothed length of a lap on the wall.
+    /// Length of the shortest lap lately.
     lap: Duration,
     lap_began: Duration,
-    /// Repetitions in this lap.
-    repeated: u32,
     fault: Option<Fault>,
     witnesses: Vec<Witness>,
     authority: Option<Authority>,
@@ -289,7 +287,8 @@ impl<B: Wired + 'static> Host<B> {
         let stop_publisher = wire_publisher(session, &keys::stop(B::NAME))?;
 
         let silence = match options.pace {
-            Pace::RealTime(factor) => Duration::from_secs_f64(3.0 * options.tick_s / factor),
+            // Three ticks, and on the wall no less than a process may be held up without being dead.
+            Pace::RealTime(factor) => Duration::from_secs_f64((3.0 * options.tick_s / factor).max(0.1)),
             Pace::LockStep => Duration::MAX,
         };
         let mut sides: Vec<(String, Side)> =
@@ -415,7 +414,6 @@ impl<B: Wired + 'static> Host<B> {
             repeat_after: REPEAT_FIRST,
             lap: Duration::ZERO,
             lap_began: now,
-            repeated: 0,
             fault: options.faults.map(|rates| Fault::new(rates, B::NAME)),
             witnesses: options
                 .witnesses

@@ -81,12 +81,13 @@ impl<B: Wired + 'static> Host<B> {
     }
 
     pub(super) fn set_parameter(&mut self, path: &str, payload: &[u8]) -> Result<Value, Value> {
-        let inner = serde_json::from_slice::<Request>(payload).map(|mut request| {
+        let request = (payload.len() <= MAX_REQUEST).then(|| serde_json::from_slice::<Request>(payload).ok()).flatten();
+        let inner = request.map(|mut request| {
             request.value = json!({ "path": path, "value": request.value });
             serde_json::to_vec(&request).unwrap_or_default()
         });
         // What is no request is refused by the desk, in its own words.
-        self.command("parameter", &inner.unwrap_or_else(|_| payload.to_vec()))
+        self.command("parameter", &inner.unwrap_or_else(|| payload.to_vec()))
     }
 
     pub(super) fn parameter(&self, path: &str) -> Result<Value, Value> {
@@ -109,9 +110,13 @@ impl<B: Wired + 'static> Host<B> {
         let Some(authority) = &mut self.authority else {
             return Err(json!({ "reason": "this service does not keep the authority" }));
         };
-        let request: LeaseRequest = match serde_json::from_slice(payload) {
-            Ok(request) if payload.len() <= MAX_REQUEST => request,
-            Ok(_) => return Err(json!({ "reason": "too large" })),
+        let read = if payload.len() > MAX_REQUEST {
+            Err(format!("{} bytes: must be at most {MAX_REQUEST}", payload.len()))
+        } else {
+            serde_json::from_slice(payload).map_err(|error| error.to_string())
+        };
+        let request: LeaseRequest = match read {
+            Ok(request) => request,
             Err(error) => {
                 let reason = format!("authority/lease: {error}");
                 self.refused(&reason);
@@ -145,10 +150,13 @@ impl<B: Wired + 'static> Host<B> {
 }
 
 fn said(payload: &[u8]) -> String {
-    let text = String::from_utf8_lossy(&payload[..payload.len().min(200)]);
-    // A token is a secret, also in a log.
-    match serde_json::from_slice::<Request>(payload) {
-        Ok(request) => format!("{} by {} seq {}", request.value, request.client, request.seq),
-        Err(_) => text.chars().filter(|c| !c.is_control()).take(80).collect(),
-    }
+    // A token is a secret, also in a log, and also in a request that is wrong: nothing of that one is quoted.
+    let request = (payload.len() <= MAX_REQUEST).then(|| serde_json::from_slice::<Request>(payload).ok()).flatten();
+    request.map_or_else(
+        || format!("({} bytes)", payload.len()),
+        |request| {
+            let value: String = request.value.to_string().chars().take(200).collect();
+            format!("{value} by {} seq {}", request.client, request.seq)
+        },
+    )
 }

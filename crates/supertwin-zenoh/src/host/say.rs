@@ -59,6 +59,8 @@ impl<B: Wired + 'static> Host<B> {
         *count += 1;
         let now = self.clock.now();
         if *count == 1 || now.saturating_sub(*at) >= Duration::from_secs(1) {
+            // What others wrote is quoted, but an event has its limits.
+            let what: String = what.chars().filter(|c| !c.is_control()).take(300).collect();
             let text = format!("refused: {what} ({count} so far)");
             *at = now;
             self.note(Severity::Error, text);

@@ -1,0 +1,91 @@
+#!/usr/bin/env python3
+"""Sends the vehicle to a depth and waits until it is there.
+
+Needs only `pip install eclipse-zenoh==1.10.2` and a twin that is up:
+
+    supertwin up --no-mission &
+    python tests/clients/set_depth.py 3.0
+"""
+
+import argparse
+import json
+import sys
+import time
+import uuid
+
+import zenoh
+
+parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+parser.add_argument("depth", type=float, metavar="DEPTH", help="metres below the surface")
+parser.add_argument("--connect", metavar="ENDPOINT", default="unixsock-stream//tmp/supertwin/router.sock")
+parser.add_argument("--vehicle", metavar="NAME", default="argus-mini")
+parser.add_argument("--timeout", metavar="S", type=float, default=120.0, help="give up after this long")
+arguments = parser.parse_args()
+
+# The vehicle counts the requests of each client, and obeys a number only once. A new name starts from 1.
+CLIENT = f"set-depth-{uuid.uuid4().hex[:8]}"
+LEASE_S = 5.0
+
+
+def ask(session, key, body):
+    """Asks until somebody answers. The body stays the same: a request that arrives twice is obeyed once."""
+    for _ in range(6):
+        for reply in session.get(f"supertwin/{arguments.vehicle}/{key}", payload=json.dumps(body), timeout=0.5):
+            if reply.ok:
+                return json.loads(reply.ok.payload.to_bytes())
+            said = reply.err.payload.to_string()
+            if said != "Timeout":
+                sys.exit(f"{key}: {json.loads(said)['reason']}")
+        time.sleep(0.1)
+    sys.exit(f"{key}: no answer; is the vehicle up?")
+
+
+def main():
+    # A client of the router: finds nobody by itself, and fails when the router isn't there.
+    config = {
+        "mode": "client",
+        "connect": {"endpoints": [arguments.connect], "timeout_ms": 3000, "exit_on_failure": True},
+        "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
+    }
+    try:
+        session = zenoh.open(zenoh.Config.from_json5(json.dumps(config)))
+    except zenoh.ZError as error:
+        sys.exit(f"{arguments.connect}: {error}")
+    with session:
+        # The newest estimate of the vehicle's state; older ones are of no use.
+        nav = session.declare_subscriber(
+            f"supertwin/{arguments.vehicle}/estimator/nav", zenoh.handlers.RingChannel(1)
+        )
+        # One client commands at a time. The token proves that it is us.
+        lease = {"client": CLIENT, "action": "acquire", "for_s": LEASE_S}
+        lease["token"] = ask(session, "authority/lease", lease)["token"]
+        try:
+            order = {"client": CLIENT, "token": lease["token"]}
+            ask(session, "command/guidance/mode", {**order, "seq": 1, "value": "depth_heading_hold"})
+            done = ask(session, "command/guidance/depth_m", {**order, "seq": 2, "value": arguments.depth})
+            print(f"accepted: {arguments.depth} m from tick {done['apply_tick']} on", flush=True)
+
+            give_up, renew = time.monotonic() + arguments.timeout, time.monotonic() + LEASE_S / 3
+            while time.monotonic() < give_up:
+                sample = nav.try_recv()
+                if sample is None:
+                    time.sleep(0.02)
+                else:
+                    message = json.loads(sample.payload.to_bytes())
+                    # Estimates from before the order say nothing about it.
+                    if message["tick"] > done["apply_tick"] and abs(message["data"]["depth_m"] - arguments.depth) < 0.2:
+                        print(f"reached: {message['data']['depth_m']:.2f} m at tick {message['tick']}")
+                        return 0
+                if time.monotonic() > renew:
+                    # A lease that runs out means that the operator is lost: the vehicle would stop and hold.
+                    ask(session, "authority/lease", {**lease, "action": "renew"})
+                    renew = time.monotonic() + LEASE_S / 3
+            print(f"not reached within {arguments.timeout:.0f} s", file=sys.stderr)
+            return 1
+        finally:
+            # The vehicle goes on with what it was told.
+            ask(session, "authority/lease", {**lease, "action": "release"})
+
+
+if __name__ == "__main__":
+    sys.exit(main())
