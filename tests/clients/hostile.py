@@ -203,8 +203,13 @@ class Attacker:
             querier.get(unread, payload=payload)
 
         self.paced(3.0, 10_000, once)
-        # And yet a question that is meant seriously gets its answer.
-        self.ask("command/guidance/depth_m", payload)
+        # And yet a question that is meant seriously gets its answer, if not at the first try: the service answers so
+        # many requests between two ticks and lets the rest go.
+        for _ in range(30):
+            self.ask("command/guidance/depth_m", payload)
+            if self.count.get("refused"):
+                break
+            time.sleep(0.1)
 
     def wire_flood(self):
         payload = [b"garbage", json.dumps({"client": "eve", "token": "", "seq": 1, "value": 9.0}).encode()]

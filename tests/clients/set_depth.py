@@ -57,8 +57,8 @@ def main():
             f"supertwin/{arguments.vehicle}/estimator/nav", zenoh.handlers.RingChannel(1)
         )
         # One client commands at a time. The token proves that it is us.
-        lease = {"client": CLIENT, "action": "acquire", "for_s": LEASE_S}
-        lease["token"] = ask(session, "authority/lease", lease)["token"]
+        lease = {"client": CLIENT, "action": "acquire", "for_s": LEASE_S, "token": uuid.uuid4().hex}
+        ask(session, "authority/lease", lease)
         try:
             order = {"client": CLIENT, "token": lease["token"]}
             ask(session, "command/guidance/mode", {**order, "seq": 1, "value": "depth_heading_hold"})

@@ -78,7 +78,8 @@ class Vehicle:
 
     def acquire(self, for_s=5.0):
         """Takes the authority and keeps it, renewed by a thread, until `release`."""
-        self.token = self.lease("acquire", for_s)["token"]
+        self.token = uuid.uuid4().hex
+        self.lease("acquire", for_s)
 
         def keep():
             # Three attempts before it runs out.

@@ -36,6 +36,11 @@ pub trait Block: Observe + Clone + Send {
         Notices::new()
     }
 
+    /// Takes over from `old`, built alike, what outlives the run that has ended: an emergency in force.
+    fn succeed(&mut self, old: &Self) {
+        let _ = old;
+    }
+
     /// Parameters that may be changed while it runs, as a tree of names and values.
     fn parameters(&self) -> Value {
         Value::Null

@@ -18,10 +18,10 @@ use zenoh::qos::{CongestionControl, Priority};
 
 /// A wire of the plain ring: its name, its typical size in bytes, who waits for it.
 const WIRES: [(&str, usize, &[&str]); 4] = [
-    ("measurements", 300, &["estimator"]),
-    ("nav", 1050, &["guidance", "controller"]),
-    ("reference", 500, &["controller"]),
-    ("thrust", 500, &["plant", "estimator", "controller"]),
+    ("measurements", 330, &["estimator"]),
+    ("nav", 1260, &["guidance", "controller"]),
+    ("reference", 490, &["controller"]),
+    ("thrust", 640, &["plant", "estimator", "controller"]),
 ];
 
 fn main() {

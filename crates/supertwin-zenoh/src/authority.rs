@@ -8,6 +8,10 @@ use std::time::Duration;
 /// Longest lease that is granted.
 pub const MAX_LEASE_S: f64 = 60.0;
 
+/// Shortest and longest token that a client may propose.
+const MIN_TOKEN: usize = 32;
+const MAX_TOKEN: usize = 128;
+
 /// What a client asks of `authority/lease`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -19,7 +23,7 @@ pub struct LeaseRequest {
     /// For how long, when acquiring or renewing.
     #[serde(default)]
     pub for_s: f64,
-    /// What the client was given when it acquired.
+    /// What the client was given when it acquired; when it acquires, 32 to 128 random characters that it proposes.
     #[serde(default)]
     pub token: String,
 }
@@ -73,6 +77,9 @@ pub enum Ended {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LeaseState {
+    /// Which instance keeps the lease: one that starts anew has forgotten it.
+    #[serde(default)]
+    pub keeper: String,
     /// Who holds it, if anybody.
     pub holder: Option<String>,
     /// SHA-256 of the holder's token, hexadecimal.
@@ -91,6 +98,9 @@ fn hash(token: &str) -> String {
 /// The lease as a service sees it.
 #[derive(Clone, Debug, Default)]
 pub struct LeaseView {
+    keeper: String,
+    /// The keeper died with a lease in force, and nobody has taken a new one.
+    orphaned: bool,
     holder: Option<String>,
     token_sha256: String,
     until: Duration,
@@ -100,6 +110,9 @@ pub struct LeaseView {
 impl LeaseView {
     /// Takes over what the vehicle says.
     pub fn update(&mut self, state: LeaseState, now: Duration) {
+        let forgotten = self.keeper != state.keeper && self.holder.is_some() && state.holder.is_none();
+        self.orphaned = (self.orphaned || forgotten) && state.holder.is_none();
+        self.keeper = state.keeper;
         let left_s = if state.expires_in_s.is_finite() { state.expires_in_s.clamp(0.0, MAX_LEASE_S) } else { 0.0 };
         self.holder = state.holder;
         self.token_sha256 = state.token_sha256;
@@ -118,7 +131,7 @@ impl LeaseView {
     pub fn operator_lost(&self, now: Duration) -> bool {
         match &self.holder {
             Some(_) => now >= self.until,
-            None => self.ended != Ended::Properly,
+            None => self.orphaned || self.ended != Ended::Properly,
         }
     }
 
@@ -153,8 +166,9 @@ impl Authority {
 
     /// What to tell the others.
     #[must_use]
-    pub fn state(&self, now: Duration) -> LeaseState {
+    pub fn state(&self, keeper: &str, now: Duration) -> LeaseState {
         LeaseState {
+            keeper: keeper.to_owned(),
             holder: self.view.holder.clone(),
             token_sha256: self.view.token_sha256.clone(),
             expires_in_s: self.view.until.saturating_sub(now).as_secs_f64(),
@@ -204,11 +218,14 @@ impl Authority {
                 Err(format!("for_s = {}: must lie between 0.2 and {MAX_LEASE_S}", request.for_s))
             }
             LeaseAction::Acquire if held.is_none() => {
+                // A token that the client proposes makes a repeated request harmless.
+                let long = (MIN_TOKEN..=MAX_TOKEN).contains(&request.token.len());
+                let new_token = if long { &request.token } else { new_token };
                 self.view = LeaseView {
                     holder: Some(request.client.clone()),
                     token_sha256: hash(new_token),
                     until: now + Duration::from_secs_f64(request.for_s),
-                    ended: Ended::Properly,
+                    ..LeaseView::default()
                 };
                 token = Some(new_token.to_owned());
                 changed = true;
@@ -282,12 +299,39 @@ mod tests {
     fn the_others_can_check_a_token_from_the_published_state() {
         let mut authority = Authority::default();
         authority.answer(&ask("anna", LeaseAction::Acquire, ""), "secret", S(0));
-        let state = authority.state(S(1));
+        let state = authority.state("c1", S(1));
         assert!(!serde_json::to_string(&state).expect("JSON").contains("secret"));
         let mut view = LeaseView::default();
         view.update(state, S(100));
         assert!(view.allows("anna", "secret", S(103)).is_ok());
         assert!(view.allows("anna", "secret", S(104)).is_err(), "4 s were left");
+    }
+
+    #[test]
+    fn acquiring_twice_with_the_same_proposed_token_is_acquiring_once() {
+        let mut authority = Authority::default();
+        let proposed = "0123456789abcdef0123456789abcdef";
+        for _ in 0..2 {
+            assert!(authority.answer(&ask("anna", LeaseAction::Acquire, proposed), "other", S(0)).0.granted);
+        }
+        assert!(authority.view().allows("anna", proposed, S(1)).is_ok());
+        assert!(!authority.answer(&ask("anna", LeaseAction::Acquire, "0123"), "x", S(1)).0.granted);
+    }
+
+    #[test]
+    fn a_keeper_that_dies_with_a_lease_leaves_the_operator_lost() {
+        let mut authority = Authority::default();
+        authority.answer(&ask("anna", LeaseAction::Acquire, ""), "t", S(0));
+        let mut view = LeaseView::default();
+        view.update(authority.state("c1", S(0)), S(0));
+        let fresh = Authority::default();
+        for t in 1..4 {
+            view.update(fresh.state("c2", S(t)), S(t));
+            assert!(view.operator_lost(S(t)), "also when it is said again");
+        }
+        authority.answer(&ask("anna", LeaseAction::Renew, "t"), "", S(4));
+        view.update(authority.state("c2", S(4)), S(4));
+        assert!(!view.operator_lost(S(4)));
     }
 
     #[test]

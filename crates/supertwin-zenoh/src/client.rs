@@ -74,6 +74,9 @@ impl Client {
     /// # Errors
     /// When somebody else holds it, or nobody answers.
     pub fn acquire(&mut self, for_s: f64) -> Result<LeaseReply, ClientError> {
+        if self.token.is_empty() {
+            self.token = crate::unique() + &crate::unique();
+        }
         let reply = self.lease(LeaseAction::Acquire, for_s)?;
         if let Some(token) = &reply.token {
             self.token.clone_from(token);
@@ -233,11 +236,12 @@ impl Client {
     fn wait_for_somebody(&self, key: &str, deadline: Duration) -> Result<(), ClientError> {
         let querier = self.session.declare_querier(key.to_owned()).wait().map_err(LinkError::session(key))?;
         let listener = querier.matching_listener().wait().map_err(LinkError::session(key))?;
+        let already = querier.matching_status().wait().is_ok_and(|status| status.matching());
         loop {
             let left = deadline.saturating_sub(self.clock.now());
             // Somebody matched and still did not answer: the whole wait, to be gentle.
             match listener.recv_timeout(left) {
-                Ok(Some(status)) if status.matching() => return Ok(()),
+                Ok(Some(status)) if status.matching() && !already => return Ok(()),
                 Ok(Some(_)) => {}
                 Ok(None) | Err(_) => return Ok(()),
             }

@@ -86,6 +86,7 @@ pub struct DeskCounts {
 
 #[derive(Clone, Debug)]
 struct Remembered {
+    lease: u64,
     seq: u64,
     body: u64,
     answer: Answer,
@@ -144,7 +145,12 @@ impl<C: Serialize + DeserializeOwned + Clone> Desk<C> {
             }
         };
         let body = xxh3_64(payload) ^ xxh3_64(name.as_bytes());
-        if let Some(known) = self.clients.get(&request.client) {
+        // Numbers count from one lease to the next: who acquires anew may begin with 1 again.
+        let lease_number = xxh3_64(request.token.as_bytes());
+        // A cry for help is heard every time, under whatever name and number, and leaves no trace in anybody's memory.
+        let emergency = name == "neutral" && request.value == Value::Bool(true);
+        let known = self.clients.get(&request.client).filter(|known| known.lease == lease_number);
+        if let Some(known) = known.filter(|_| !emergency) {
             if request.seq == known.seq && body == known.body {
                 self.counts.repeated += 1;
                 return known.answer.clone();
@@ -155,11 +161,11 @@ impl<C: Serialize + DeserializeOwned + Clone> Desk<C> {
                 return refused(request.seq, reason);
             }
         }
-        let emergency = name == "neutral" && request.value == Value::Bool(true);
         let authority = if emergency { Ok(()) } else { lease.allows(&request.client, &request.token, moment.now) };
         let answer = match authority.and_then(|()| self.schedule(name, &request, emergency, moment, attempt)) {
-            Ok(apply_tick) => {
-                self.counts.scheduled += 1;
+            Ok((apply_tick, fresh)) => {
+                self.counts.scheduled += u64::from(fresh);
+                self.counts.repeated += u64::from(!fresh);
                 Answer::Scheduled { seq: request.seq, apply_tick, tick: moment.next }
             }
             Err(reason) => {
@@ -167,7 +173,10 @@ impl<C: Serialize + DeserializeOwned + Clone> Desk<C> {
                 return refused(request.seq, reason);
             }
         };
-        self.remember(request.client, Remembered { seq: request.seq, body, answer: answer.clone(), at: moment.now });
+        if !emergency {
+            let (seq, at) = (request.seq, moment.now);
+            self.remember(request.client, Remembered { lease: lease_number, seq, body, answer: answer.clone(), at });
+        }
         answer
     }
 
@@ -178,7 +187,7 @@ impl<C: Serialize + DeserializeOwned + Clone> Desk<C> {
         emergency: bool,
         moment: Moment,
         attempt: impl FnOnce(&C) -> Result<(), Refusal>,
-    ) -> Result<u64, String> {
+    ) -> Result<(u64, bool), String> {
         let command = build(name, request.value.clone())?;
         attempt(&command).map_err(|refusal| refusal.0)?;
         let soon = if emergency { moment.next } else { moment.next + moment.lead };
@@ -194,12 +203,15 @@ impl<C: Serialize + DeserializeOwned + Clone> Desk<C> {
             Some(tick) => tick,
             None => soon,
         };
+        if emergency && self.waiting.get(&tick).is_some_and(|all| all.iter().any(|other| other.name == name)) {
+            return Ok((tick, false));
+        }
         if !emergency && self.waiting.values().map(Vec::len).sum::<usize>() >= MAX_WAITING {
             return Err(format!("{MAX_WAITING} commands wait already"));
         }
         let by = Some(format!("{} seq {}", request.client, request.seq));
         self.waiting.entry(tick).or_default().push(Waiting { command, by, name: name_of_request(name, request) });
-        Ok(tick)
+        Ok((tick, true))
     }
 
     fn remember(&mut self, client: String, what: Remembered) {
@@ -287,9 +299,13 @@ mod tests {
     const NOW: Duration = Duration::from_secs(1);
 
     fn lease() -> LeaseView {
+        lease_of("anna")
+    }
+
+    fn lease_of(client: &str) -> LeaseView {
         let mut authority = Authority::default();
         let request =
-            LeaseRequest { client: "anna".to_owned(), action: LeaseAction::Acquire, for_s: 50.0, token: String::new() };
+            LeaseRequest { client: client.to_owned(), action: LeaseAction::Acquire, for_s: 50.0, token: String::new() };
         assert!(authority.answer(&request, "t", NOW).0.granted);
         authority.view().clone()
     }
@@ -380,14 +396,47 @@ mod tests {
     }
 
     #[test]
+    fn a_cry_for_help_is_heard_every_time_and_locks_nobody_out() {
+        let mut desk: Desk<ControllerCommand> = Desk::new(&[]);
+        let mut ask = |seq: u64, token: &str, value: bool, next: u64| {
+            let body = json!({"client": "anna", "seq": seq, "token": token, "value": value});
+            let answer = desk.submit("neutral", body.to_string().as_bytes(), &lease(), moment(next), |_| Ok(()));
+            let due = desk.due(next + 3).len();
+            (matches!(answer, Answer::Scheduled { .. }), due)
+        };
+        assert_eq!(ask(1, "", true, 10), (true, 1));
+        assert_eq!(ask(1, "t", false, 20), (true, 1));
+        assert_eq!(ask(1, "", true, 30), (true, 1), "the same words again are a new cry");
+        assert_eq!(ask(u64::MAX, "", true, 40), (true, 1));
+        assert_eq!(ask(2, "t", false, 50), (true, 1), "nobody has used up anna's numbers");
+    }
+
+    #[test]
+    fn numbers_begin_anew_with_every_lease() {
+        let mut desk: Desk<GuidanceCommand> = Desk::new(&[]);
+        for (token, granted) in [("t", true), ("other", false)] {
+            let body = json!({"client": "anna", "seq": 1, "token": token, "value": "neutral"});
+            let answer = desk.submit("mode", body.to_string().as_bytes(), &lease(), moment(10), |_| Ok(()));
+            assert_eq!(matches!(answer, Answer::Scheduled { .. }), granted);
+            assert!(granted || reason(answer).contains("wrong token"), "refused for its token, not for its number");
+        }
+    }
+
+    #[test]
     fn memory_is_bounded_however_many_clients_come() {
         let mut desk: Desk<ControllerCommand> = Desk::new(&[]);
         for i in 0..1000 {
-            let body = json!({"client": format!("c{i}"), "seq": 1, "value": true});
-            desk.submit("neutral", body.to_string().as_bytes(), &LeaseView::default(), moment(10), |_| Ok(()));
-            desk.due(10);
+            let client = format!("c{i}");
+            let body = json!({"client": client, "seq": 1, "token": "t", "value": false});
+            desk.submit("neutral", body.to_string().as_bytes(), &lease_of(&client), moment(10), |_| Ok(()));
+            desk.due(13);
         }
-        assert_eq!(desk.clients.len(), MAX_CLIENTS);
+        assert_eq!((desk.clients.len(), desk.counts.scheduled), (MAX_CLIENTS, 1000));
+        for i in 0..1000 {
+            let body = json!({"client": format!("c{i}"), "seq": 1, "value": true});
+            desk.submit("neutral", body.to_string().as_bytes(), &LeaseView::default(), moment(20), |_| Ok(()));
+        }
+        assert_eq!(desk.waiting(), 1, "a thousand cries before a tick are one");
     }
 
     proptest! {

@@ -5,12 +5,15 @@ use crate::host::{Ending, Hosted};
 use crate::mailbox::{Arrival, Mailbox};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
 use supertwin_core::Tick;
 use supertwin_core::digest::RunDigest;
 
 /// Requests that are answered between two steps; the rest waits its turn.
 const REQUESTS_AT_ONCE: usize = 8;
 
+/// A round that takes longer than meant by this much is a stall.
+const STALL: Duration = Duration::from_millis(20);
 /// Arrivals of any kind between two steps: a flood must not keep the hosts from stepping.
 const ARRIVALS_AT_ONCE: usize = 256;
 
@@ -58,15 +61,22 @@ impl Engine {
 
     /// Drives the hosts until all have ended. `look` is called after each round with the ticks that are complete.
     pub fn run(mut self, mut look: impl FnMut(u64)) -> Finished {
+        let mut expected = self.clock.now();
         while self.hosts.iter().any(|host| host.ending().is_none()) {
             if self.stop.load(Ordering::Relaxed) {
                 self.hosts.iter_mut().for_each(|host| host.interrupt("interrupted"));
                 break;
             }
+            let round = self.clock.now();
+            // What a round and its wait took beyond what was meant is a stall of this process, and nobody's silence.
+            let stall = round.saturating_sub(expected);
+            if stall > STALL {
+                self.hosts.iter_mut().for_each(|host| host.held_up(stall));
+            }
             let (mut requests, mut arrivals) = (0, 0);
-            while requests < REQUESTS_AT_ONCE && arrivals < ARRIVALS_AT_ONCE {
+            while arrivals < ARRIVALS_AT_ONCE {
                 arrivals += 1;
-                match self.mailbox.take() {
+                match self.mailbox.take(requests < REQUESTS_AT_ONCE) {
                     None => break,
                     Some(Arrival::Wire(host, wire, payload)) => self.hosts[host].deliver(wire, &payload),
                     Some(Arrival::Request(host, query)) => {
@@ -82,9 +92,12 @@ impl Engine {
             }
             self.fold();
             look(self.digested);
+            expected = round;
             if !busy && self.hosts.iter().any(|host| host.ending().is_none()) {
                 let deadline = self.hosts.iter().filter_map(|host| host.deadline()).min();
                 self.mailbox.wait(&*self.clock, deadline);
+                // Whoever was woken earlier was woken by an arrival, in time.
+                expected = deadline.unwrap_or(round).max(round).min(self.clock.now());
             }
         }
         self.fold();

@@ -11,6 +11,10 @@ use std::time::Duration;
 
 /// First wait for a missing event before its service is asked; doubled from one question to the next.
 const PATIENCE: Duration = Duration::from_millis(100);
+/// Events that a service keeps.
+const CACHE: u64 = crate::outbox::EVENT_CACHE as u64;
+/// Writers that are kept apart.
+const LINES: usize = 1024;
 /// Questions before a gap is accepted: the service is gone, or has forgotten.
 const QUESTIONS: u32 = 5;
 
@@ -39,7 +43,14 @@ impl InOrder {
             self.ready.push_back(heard);
             return;
         };
-        let line = self.lines.entry((heard.key.clone(), source)).or_insert_with(|| Line {
+        let key = (heard.key.clone(), source);
+        let next = self.lines.get(&key).map(|line| line.next);
+        if (next.is_none() && self.lines.len() >= LINES) || next.is_some_and(|next| seq > next.saturating_add(CACHE)) {
+            // Too many writers, or a number from far away: shown, but nothing is concluded from it.
+            self.ready.push_back(heard);
+            return;
+        }
+        let line = self.lines.entry(key).or_insert_with(|| Line {
             next: 1,
             held: BTreeMap::new(),
             due: Duration::ZERO,
@@ -58,7 +69,7 @@ impl InOrder {
     fn release(line: &mut Line, ready: &mut VecDeque<Heard>) {
         while let Some(heard) = line.held.remove(&line.next) {
             ready.push_back(heard);
-            line.next += 1;
+            line.next = line.next.saturating_add(1);
         }
     }
 

@@ -92,6 +92,11 @@ impl Ledger {
         self.heard_at
     }
 
+    /// The reader was held up for `stall` until `now`: the writer's silence does not count for as long.
+    pub fn forgive(&mut self, stall: Duration, now: Duration) {
+        self.heard_at = (self.heard_at + stall).min(now);
+    }
+
     /// Enters a message.
     pub fn enter(&mut self, source: &str, seq: u64, now: Duration) -> Verdict {
         if self.source != source {
@@ -195,5 +200,8 @@ mod tests {
         assert_eq!(ledger.enter("b", 2, ms(101)), Verdict::Takeover);
         assert_eq!(ledger.enter("a", 3, ms(102)), Verdict::Rival);
         assert_eq!((ledger.counts.rivals, ledger.counts.takeovers), (2, 1));
+        // A reader that was held up itself lets nobody in for it.
+        ledger.forgive(ms(500), ms(602));
+        assert_eq!(ledger.enter("a", 4, ms(620)), Verdict::Rival);
     }
 }

@@ -91,16 +91,17 @@ impl Mailbox {
         self.arrived.notify_one();
     }
 
-    /// The next arrival: urgent requests first, then wires, then other requests.
-    pub fn take(&self) -> Option<Arrival> {
+    /// The next arrival: urgent requests first, then wires, then other requests; wires only, if not `requests`.
+    pub fn take(&self, requests: bool) -> Option<Arrival> {
         let mut queues = self.lock();
-        if let Some((host, query)) = queues.urgent.pop_front() {
+        if requests && let Some((host, query)) = queues.urgent.pop_front() {
             return Some(Arrival::Request(host, query));
         }
         if let Some((host, wire, payload)) = queues.wires.pop_front() {
             return Some(Arrival::Wire(host, wire, payload));
         }
-        queues.requests.pop_front().map(|(host, query)| Arrival::Request(host, query))
+        let request = if requests { queues.requests.pop_front() } else { None };
+        request.map(|(host, query)| Arrival::Request(host, query))
     }
 
     /// Waits until something is there, or until `deadline` of the clock.
@@ -140,7 +141,7 @@ mod tests {
             mailbox.wire(0, i, ZBytes::default());
         }
         assert_eq!(mailbox.overflow(), Overflow { wires: 5, requests: 0 });
-        assert!(matches!(mailbox.take(), Some(Arrival::Wire(0, 5, _))));
+        assert!(matches!(mailbox.take(true), Some(Arrival::Wire(0, 5, _))));
     }
 
     #[test]
@@ -153,6 +154,6 @@ mod tests {
         mailbox.wait(&clock, None);
         mailbox.wire(1, 2, ZBytes::default());
         mailbox.wait(&clock, None);
-        assert!(matches!(mailbox.take(), Some(Arrival::Wire(1, 2, _))));
+        assert!(matches!(mailbox.take(true), Some(Arrival::Wire(1, 2, _))));
     }
 }

@@ -133,7 +133,7 @@ pub fn witness(
         if stop.load(Ordering::Relaxed) {
             return Err(WitnessError::Interrupted);
         }
-        while let Some(arrival) = mailbox.take() {
+        while let Some(arrival) = mailbox.take(true) {
             let Arrival::Wire(_, number, payload) = arrival else { continue };
             let bytes = payload.to_bytes();
             if number == RING.len() {

@@ -270,13 +270,16 @@ fn positive(text: &str) -> Result<f64, String> {
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   supertwin up                                   the adaptive law on the paper's course, in real time
-  supertwin up --trial fair --controller pid-tuned --no-mission
+  supertwin up fair --controller pid-tuned --no-mission
                                                  waits for commands: supertwin set mode follow_net
   supertwin up --rtf 5                           five times real time
   supertwin up --pace lockstep                   as fast as the processor, the same bits as `supertwin run`
 
 Exit status: 0 done or stopped, 1 the run could not go on, 2 the call is wrong, 130 a lock-step run was interrupted.")]
 pub(crate) struct UpArguments {
+    /// Trial: a name in config/trials, or a path; the same as --trial
+    #[arg(value_name = "TRIAL", conflicts_with = "trial")]
+    pub(crate) name: Option<String>,
     #[command(flatten)]
     pub(crate) placement: PlacementArguments,
     #[command(flatten)]

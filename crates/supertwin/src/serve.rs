@@ -51,7 +51,11 @@ pub(crate) fn serve(arguments: &ServeArguments, library: &Library) -> Result<Exi
 pub(crate) fn up(arguments: &UpArguments, library: &Library) -> Result<ExitCode, Failure> {
     let mailbox = Arc::new(Mailbox::default());
     let stop = stop_flag(&mailbox)?;
-    let mut placement = Placement::new(&arguments.placement, library)?;
+    let mut asked_for = arguments.placement.clone();
+    if let Some(name) = &arguments.name {
+        asked_for.trial.clone_from(name);
+    }
+    let mut placement = Placement::new(&asked_for, library)?;
     placement.keep_digests = placement.pace == Pace::LockStep;
     placement.rejoins = false;
     let vehicle = placement.vehicle(arguments.link.vehicle.as_deref());
@@ -69,7 +73,15 @@ pub(crate) fn up(arguments: &UpArguments, library: &Library) -> Result<ExitCode,
     let started = json!({ "vehicle": vehicle, "run": placement.run, "listening": listening });
     say(arguments.placement.json, &started, || started_text(&placement, &vehicle, &listening));
     let stopwatch = Stopwatch::start();
-    let finished = engine.run(|_| {});
+    let ticks = placement.ticks.filter(|_| placement.pace == Pace::LockStep);
+    let progress = output::progress(&placement.run, ticks.unwrap_or(0), arguments.placement.json || ticks.is_none());
+    let finished = engine.run(|done| {
+        // Drawing is rate-limited by the bar; asking it costs more than a lap.
+        if done.is_multiple_of(256) {
+            progress.set_position(done);
+        }
+    });
+    progress.finish_and_clear();
     let wall_s = stopwatch.elapsed_s();
     close(&session);
     if placement.pace == Pace::LockStep {

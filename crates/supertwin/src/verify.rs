@@ -7,9 +7,8 @@ use crate::output;
 use crate::placement::{stop_flag, unique};
 use comfy_table::presets::UTF8_FULL_CONDENSED;
 use comfy_table::{CellAlignment, ContentArrangement, Table};
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde::Serialize;
-use std::io::{BufRead, BufReader, IsTerminal, Read};
+use std::io::{BufRead, BufReader, Read};
 use std::process::{Child, Command, ExitCode, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -171,7 +170,8 @@ impl Job<'_> {
         let mut reference = Reference::new(self.trial)?;
         let mut digest = RunDigest::default();
         let mut difference = None;
-        let progress = progress(&format!("{}, {}", self.trial.name, self.placement), self.ticks, self.arguments.json);
+        let progress =
+            output::progress(&format!("{}, {}", self.trial.name, self.placement), self.ticks, self.arguments.json);
         let options = WitnessOptions {
             name: WITNESS.to_owned(),
             instance: unique(),
@@ -346,17 +346,6 @@ impl Observe for Shown<'_> {
     fn observe<P: supertwin_core::Probe>(&self, probe: &mut P) {
         self.0.observe(probe);
     }
-}
-
-fn progress(name: &str, ticks: u64, json: bool) -> ProgressBar {
-    let shown = std::io::stderr().is_terminal() && !json;
-    let target = if shown { ProgressDrawTarget::stderr() } else { ProgressDrawTarget::hidden() };
-    let bar = ProgressBar::with_draw_target(Some(ticks), target);
-    if let Ok(style) = ProgressStyle::with_template("{bar:40} {percent:>3} %  {msg}  {eta} left") {
-        bar.set_style(style);
-    }
-    bar.set_message(name.to_owned());
-    bar
 }
 
 fn report(rows: &[Row], equal: bool, json: bool) -> Result<(), Failure> {

@@ -319,6 +319,11 @@ impl Block for Controller {
         Notices::from_iter([Notice::either(!usual, self.status.name(), self.status.name())])
     }
 
+    fn succeed(&mut self, old: &Self) {
+        self.started = true;
+        self.neutral_demanded = old.neutral_demanded;
+    }
+
     fn parameters(&self) -> serde_json::Value {
         parameter::tree(&self.tunable())
     }

@@ -30,7 +30,7 @@ impl<B: Wired + 'static> Host<B> {
                 if let Some(authority) = &mut self.authority
                     && authority.vanished(&client)
                 {
-                    let state = authority.state(now);
+                    let state = authority.state(&self.source, now);
                     self.tell_state(keys::LEASE_STATE.to_owned(), &state);
                     self.note(Severity::Warning, format!("operator {client} has vanished; its lease is over"));
                 }
@@ -112,7 +112,12 @@ impl<B: Wired + 'static> Host<B> {
             return;
         }
         self.note(Severity::Warning, format!("run {run} begins at tick {tick}; starts afresh"));
-        self.block = self.pristine.clone();
+        let old = core::mem::replace(&mut self.block, self.pristine.clone());
+        self.block.succeed(&old);
+        let discarded = self.desk.waiting();
+        if discarded > 0 {
+            self.note(Severity::Warning, format!("{discarded} commands that waited are discarded with the old run"));
+        }
         self.watch = Watch::new(&self.block);
         self.desk = Desk::new(&self.options.mission);
         self.next = tick;
@@ -198,7 +203,7 @@ impl<B: Wired + 'static> Host<B> {
             let sample: StreamedSetpoint = serde_json::from_slice(payload).map_err(|error| error.to_string())?;
             self.lease().allows(&sample.client, &sample.token, now)?;
             let stream = &self.streams[i];
-            if stream.client == sample.client && sample.seq <= stream.seq {
+            if stream.client == sample.client && stream.token == sample.token && sample.seq <= stream.seq {
                 return Err(format!("seq = {}: must be greater than {}", sample.seq, stream.seq));
             }
             if let Some(value) = sample.value {
@@ -214,6 +219,7 @@ impl<B: Wired + 'static> Host<B> {
                 let stream = &mut self.streams[i];
                 stream.live = sample.value.is_some();
                 stream.client = sample.client;
+                stream.token = sample.token;
                 stream.seq = sample.seq;
                 stream.heard_at = now;
                 stream.accepted += 1;

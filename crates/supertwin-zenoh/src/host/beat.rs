@@ -100,7 +100,7 @@ impl<B: Wired + 'static> Host<B> {
             let behind = (now - due).as_nanos() / beat.as_nanos().max(1);
             let most = (CATCH_UP_S / self.options.tick_s) as u128;
             if behind > most {
-                let lost = u64::try_from(behind - most).unwrap_or(u64::MAX / 2);
+                let lost = u64::try_from(behind).unwrap_or(u64::MAX / 2);
                 self.note(Severity::Error, format!("stopped for too long: {lost} ticks are left out"));
                 self.next += lost;
                 self.steps.skipped += lost;

@@ -24,7 +24,7 @@ impl<B: Wired + 'static> Host<B> {
         if let Some(authority) = &mut self.authority
             && authority.expire(now)
         {
-            let state = authority.state(now);
+            let state = authority.state(&self.source, now);
             self.tell_state(keys::LEASE_STATE.to_owned(), &state);
             self.note(Severity::Warning, "the lease has run out without being given back".to_owned());
         }
@@ -32,7 +32,7 @@ impl<B: Wired + 'static> Host<B> {
             self.health_due = now + Duration::from_secs(1);
             self.tell_health();
             if let Some(authority) = &self.authority {
-                let state = authority.state(now);
+                let state = authority.state(&self.source, now);
                 self.tell_state(keys::LEASE_STATE.to_owned(), &state);
             }
         }

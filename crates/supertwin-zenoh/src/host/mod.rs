@@ -104,6 +104,8 @@ pub trait Hosted: Send {
     fn deliver(&mut self, wire: usize, payload: &ZBytes);
     /// A request.
     fn request(&mut self, query: Query);
+    /// The thread was held up for so long: others who were not heard meanwhile were not silent.
+    fn held_up(&mut self, stall: Duration);
     /// Does what can be done now; true when something was.
     fn poll(&mut self, overflow: Overflow) -> bool;
     /// When it wants to be polled again, if nothing arrives.
@@ -168,6 +170,7 @@ struct Witness {
 #[derive(Debug, Default)]
 struct Stream {
     seq: u64,
+    token: String,
     client: String,
     heard_at: Duration,
     live: bool,
@@ -451,7 +454,7 @@ impl<B: Wired + 'static> Host<B> {
             host.rejoin()?;
         }
         if let Some(authority) = &host.authority {
-            let state = authority.state(now);
+            let state = authority.state(&host.source, now);
             host.tell_state(keys::LEASE_STATE.to_owned(), &state);
         }
         host.tell_parameters();
@@ -500,6 +503,13 @@ where
 
     fn request(&mut self, query: Query) {
         self.answer(query);
+    }
+
+    fn held_up(&mut self, stall: Duration) {
+        let now = self.clock.now();
+        for wire in &mut self.wires {
+            wire.ledger.forgive(stall, now);
+        }
     }
 
     fn poll(&mut self, overflow: Overflow) -> bool {

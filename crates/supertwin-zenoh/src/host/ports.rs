@@ -89,6 +89,11 @@ impl PortVisitor for Deliver<'_> {
             self.outcome = changed(&envelope);
             return;
         }
+        if self.run.is_empty() && envelope.run.is_empty() && port.rule().trigger {
+            self.ledger.counts.rejected += 1;
+            self.outcome = Delivered::Rejected(Rejected::Malformed("run: is missing".to_owned()));
+            return;
+        }
         let verdict = self.ledger.enter(&envelope.source, envelope.seq, self.now);
         let (gap, takeover) = match verdict {
             Verdict::New { gap } => (gap, false),

@@ -11,9 +11,10 @@ use supertwin_core::Wired;
 use supertwin_core::run::Severity;
 use zenoh::Wait;
 use zenoh::bytes::ZBytes;
+use zenoh::sample::Locality;
 
 /// Longest wait for those who are up, when a service starts.
-const REJOIN: Duration = Duration::from_millis(300);
+const REJOIN: Duration = Duration::from_secs(1);
 
 impl<B: Wired + 'static> Host<B> {
     /// Real time: learns from those who are up which run and tick it is, who has the lease, and what the last
@@ -24,6 +25,8 @@ impl<B: Wired + 'static> Host<B> {
                 .get(key.clone())
                 .target(zenoh::query::QueryTarget::All)
                 .consolidation(zenoh::query::ConsolidationMode::None)
+                // Not our own: nobody answers for us yet.
+                .allowed_destination(Locality::Remote)
                 .timeout(REJOIN)
                 .wait()
                 .map_err(LinkError::session(key))

@@ -125,7 +125,7 @@ impl<B: Wired + 'static> Host<B> {
         };
         let token = zenoh::session::ZenohId::default().to_string() + &zenoh::session::ZenohId::default().to_string();
         let (reply, changed) = authority.answer(&request, &token, now);
-        let state = authority.state(now);
+        let state = authority.state(&self.source, now);
         if changed {
             // Before the answer and with a higher priority: who is granted may command at once.
             self.tell_state(keys::LEASE_STATE.to_owned(), &state);
