@@ -66,14 +66,15 @@ fn motion(truth: &Value) -> (f64, f64) {
     ((v("surge").powi(2) + v("sway").powi(2)).sqrt(), number(truth, "/data/depth_m"))
 }
 
-/// Until the vehicle follows the net at its speed: true sway near 0.2 m/s, smoothed over two seconds.
+/// Until the vehicle follows the net at its speed and depth: true sway near 0.2 m/s, smoothed over two seconds.
 fn travels(listener: &Listener) {
-    let mut smooth = 0.0;
+    let (mut smooth, mut depth_m) = (0.0, 0.0);
     listener.until("the vehicle to follow the net", |key, value| {
         if key == "plant/truth" {
             smooth += 0.01 * (number(value, "/data/velocity/sway_m_per_s").abs() - smooth);
+            depth_m = motion(value).1;
         }
-        smooth > 0.12
+        smooth > 0.12 && (depth_m - 4.0_f64).abs() < 0.3
     });
 }
 

@@ -115,7 +115,7 @@ fuzz_target!(|payload: &[u8]| {
                     assert!(reply.token.is_none(), "the token is told once");
                 }
                 assert!((0.0..=60.0).contains(&reply.expires_in_s));
-                view.update(authority.state(now), now);
+                view.update(authority.state("fuzz", now), now);
             }
             _ => {
                 let refuse = body.len() % 7 == 3;

@@ -351,43 +351,6 @@ impl<B: Wired + 'static> Host<B> {
             })
             .collect();
 
-        let mut queryables = Vec::new();
-        let mut served = vec![
-            keys::command(B::NAME, "*"),
-            format!("{}/**", keys::param(B::NAME, "")),
-            keys::held(B::NAME, "**"),
-            keys::state(B::NAME, "now"),
-        ];
-        if options.keeps_authority {
-            served.push(keys::LEASE.to_owned());
-            served.push(keys::PING.to_owned());
-        }
-        for key in served {
-            let mailbox = Arc::clone(mailbox);
-            let queryable = session
-                .declare_queryable(key.clone())
-                .complete(true)
-                .callback(move |query| {
-                    let urgent = query.key_expr().as_str().ends_with("/neutral");
-                    mailbox.request(index, query, urgent);
-                })
-                .wait()
-                .map_err(LinkError::session(format!("queryable {key}")))?;
-            queryables.push(queryable);
-        }
-        let mut states = vec![keys::state(B::NAME, "*")];
-        if options.keeps_authority {
-            states.push(keys::LEASE_STATE.to_owned());
-        }
-        for key in states {
-            let slot = outbox.slot();
-            let queryable = session
-                .declare_queryable(key.clone())
-                .callback(move |query| slot.send(Letter::StateQuery(query)))
-                .wait()
-                .map_err(LinkError::session(format!("queryable {key}")))?;
-            queryables.push(queryable);
-        }
         let token = session
             .liveliness()
             .declare_token(keys::alive(B::NAME, &options.instance))
@@ -447,12 +410,14 @@ impl<B: Wired + 'static> Host<B> {
             clock,
             _subscribers: subscribers,
             _liveliness: liveliness,
-            _queryables: queryables,
+            _queryables: Vec::new(),
             _token: token,
         };
         if host.options.rejoins && matches!(host.options.pace, Pace::RealTime(_)) {
             host.rejoin()?;
         }
+        // Only now, when it knows the run: who asks before would wait for an answer that nobody gives yet.
+        host._queryables = queryables::<B>(session, host.options.keeps_authority, mailbox, index, &host.outbox)?;
         if let Some(authority) = &host.authority {
             let state = authority.state(&host.source, now);
             host.tell_state(keys::LEASE_STATE.to_owned(), &state);
@@ -476,6 +441,54 @@ impl<B: Wired + 'static> Host<B> {
     fn tick(&self, k: u64) -> Tick {
         Tick { k, dt_s: self.options.tick_s }
     }
+}
+
+/// Everything that can be asked of a service.
+fn queryables<B: Wired>(
+    session: &Session,
+    keeps_authority: bool,
+    mailbox: &Arc<Mailbox>,
+    index: usize,
+    outbox: &Outbox,
+) -> Result<Vec<Queryable<()>>, LinkError> {
+    let mut queryables = Vec::new();
+    let mut served = vec![
+        keys::command(B::NAME, "*"),
+        format!("{}/**", keys::param(B::NAME, "")),
+        keys::held(B::NAME, "**"),
+        keys::state(B::NAME, "now"),
+    ];
+    if keeps_authority {
+        served.push(keys::LEASE.to_owned());
+        served.push(keys::PING.to_owned());
+    }
+    for key in served {
+        let mailbox = Arc::clone(mailbox);
+        let queryable = session
+            .declare_queryable(key.clone())
+            .complete(true)
+            .callback(move |query| {
+                let urgent = query.key_expr().as_str().ends_with("/neutral");
+                mailbox.request(index, query, urgent);
+            })
+            .wait()
+            .map_err(LinkError::session(format!("queryable {key}")))?;
+        queryables.push(queryable);
+    }
+    let mut states = vec![keys::state(B::NAME, "*")];
+    if keeps_authority {
+        states.push(keys::LEASE_STATE.to_owned());
+    }
+    for key in states {
+        let slot = outbox.slot();
+        let queryable = session
+            .declare_queryable(key.clone())
+            .callback(move |query| slot.send(Letter::StateQuery(query)))
+            .wait()
+            .map_err(LinkError::session(format!("queryable {key}")))?;
+        queryables.push(queryable);
+    }
+    Ok(queryables)
 }
 
 fn wire_publisher(session: &Session, key: &str) -> Result<Publisher<'static>, LinkError> {
