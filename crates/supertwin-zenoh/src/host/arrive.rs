@@ -43,7 +43,8 @@ impl<B: Wired + 'static> Host<B> {
         let elapsed_s = now.saturating_sub(self.heard_at).as_secs_f64();
         let factor = if let Pace::RealTime(factor) = self.options.pace { factor } else { 1.0 };
         let ahead = (elapsed_s * factor + FUTURE_S) / self.options.tick_s;
-        let known = !self.run.is_empty() || B::OWNS_TIME;
+        // Before its first step a service has no idea of the tick, even when a message has told it the run.
+        let known = self.output.is_some() || B::OWNS_TIME;
         let bytes = payload.to_bytes();
         let was_source = self.wires[number].ledger.source().to_owned();
         let mut deliver = Deliver {
