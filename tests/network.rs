@@ -329,6 +329,46 @@ fn the_deadman_acts_within_its_time() {
 }
 
 #[test]
+fn an_emergency_outlives_its_controller_and_a_lease_that_dies_with_it_makes_the_vehicle_hold() {
+    let mut vehicle = Vehicle::start(None, "127.0.0.1");
+    vehicle.serve("guidance", None);
+    let beside = vehicle.listen().listen("telemetry/controller").listen("telemetry/guidance");
+    until_status(&beside, "tracking");
+    let client = |name: &str| Client::new(beside.session.clone(), ROV, name, Arc::new(SystemClock::start()));
+    client("passer-by").command("controller", "neutral", json!(true), None).expect("needs no authority");
+    until_status(&beside, "emergency_neutral");
+
+    let mut restart = |service: &'static str| {
+        vehicle.services.get_mut(service).expect("runs").kill();
+        vehicle.serve(service, None);
+    };
+    let (last, _) = beside.until("telemetry", |key, _| key == "telemetry/controller");
+    restart("controller");
+    let mut steps = 0;
+    beside.until("fifty steps of the new controller", |key, value| {
+        if key == "telemetry/controller" && value["source"] != last["source"] {
+            let forces = value["data"]["signals"]["controller/thrust/force"].as_array().expect("forces");
+            assert!(forces.iter().all(|force| force.as_f64() == Some(0.0)), "no force at step {steps}: {forces:?}");
+            assert_eq!(label(value, "controller/status"), "emergency_neutral");
+            steps += 1;
+        }
+        steps == 50
+    });
+    let mut pilot = client("pilot");
+    pilot.acquire(30.0).expect("is granted");
+    pilot.command("controller", "neutral", json!(false), None).expect("the holder may end it");
+    until_status(&beside, "tracking");
+
+    restart("controller");
+    let reason = |wanted: &'static str| {
+        move |key: &str, value: &Value| key == "telemetry/guidance" && label(value, "guidance/reason") == wanted
+    };
+    beside.until("guidance to miss the operator", reason("operator_lost"));
+    pilot.acquire(30.0).expect("the new controller knows of no lease");
+    beside.until("the operator to be back", reason("commanded"));
+}
+
+#[test]
 fn two_vehicles_on_one_router_do_not_hear_each_other_and_a_fleet_client_sees_both() {
     let folder = tempfile::tempdir().expect("a folder");
     let trial = following(folder.path()).display().to_string();

@@ -33,17 +33,22 @@ class Events:
         if event["seq"] > next_one:
             # The subscriber below recovers what was lost on the way, but an event that arrives while it still waits
             # for the history makes it leave the history out. The service keeps its last events: they are asked for.
-            replies = self.vehicle.session.get(
-                f"{sample.key_expr}/@adv/**",
-                accept_replies=zenoh.ReplyKeyExpr.ANY,  # They come on the key of the events.
-                consolidation=zenoh.ConsolidationMode.NONE,  # All of them, not only the newest.
-                timeout=2.0,
-            )
-            for reply in replies:
-                if reply.ok:
-                    kept = message(reply.ok)
-                    if kept["source"] == event["source"] and next_one <= kept["seq"]:
-                        events[kept["seq"]] = kept
+            # After a cut the way there may take a moment to be found again.
+            for _ in range(10):
+                replies = self.vehicle.session.get(
+                    f"{sample.key_expr}/@adv/**",
+                    accept_replies=zenoh.ReplyKeyExpr.ANY,  # They come on the key of the events.
+                    consolidation=zenoh.ConsolidationMode.NONE,  # All of them, not only the newest.
+                    timeout=2.0,
+                )
+                for reply in replies:
+                    if reply.ok:
+                        kept = message(reply.ok)
+                        if kept["source"] == event["source"] and next_one <= kept["seq"]:
+                            events[kept["seq"]] = kept
+                if all(number in events for number in range(next_one, event["seq"])):
+                    break
+                time.sleep(0.2)
         self.last[event["source"]] = max(events)
         return [events[seq] for seq in sorted(events)]
 
