@@ -3,13 +3,14 @@
 //! Inside formulas these are `Vector4` in the order surge, sway, heave, yaw; at boundaries they are named fields.
 
 use nalgebra::Vector4;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// Component names of every four-axis signal.
 pub const AXIS_NAMES: &[&str] = &["surge", "sway", "heave", "yaw"];
 
 /// One value per degree of freedom.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Axes<T> {
     /// Along the body's forward axis.
@@ -50,7 +51,7 @@ impl<T: Into<f64>> Axes<T> {
 macro_rules! four_axis {
     ($(#[$doc:meta])* $name:ident { $a:ident, $b:ident, $c:ident, $d:ident }) => {
         $(#[$doc])*
-        #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+        #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
         #[serde(deny_unknown_fields)]
         #[allow(missing_docs, reason = "the field names carry axis and unit")]
         pub struct $name { pub $a: f64, pub $b: f64, pub $c: f64, pub $d: f64 }

@@ -2,10 +2,12 @@
 
 use crate::message::{Direction, Mode, WrenchRequest};
 use crate::{ParameterChange, Refusal, Tick};
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Deserializer, Serialize};
+use std::borrow::Cow;
 
 /// A command for one of the services, or for the wires between them.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Command {
     /// For the plant: faults.
@@ -21,7 +23,7 @@ pub enum Command {
 }
 
 /// Faults of the plant.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum PlantCommand {
     /// The DVL delivers nothing for this many seconds.
@@ -37,7 +39,7 @@ pub enum PlantCommand {
 }
 
 /// What can be asked of the estimator.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum EstimatorCommand {
     /// Forget everything and start from the next measurements.
@@ -47,7 +49,7 @@ pub enum EstimatorCommand {
 }
 
 /// Set-points and modes.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum GuidanceCommand {
     /// What to do.
@@ -67,7 +69,7 @@ pub enum GuidanceCommand {
 }
 
 /// What can be asked of the controller.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ControllerCommand {
     /// Hand over to another of the configured laws, by name and without a jump in the wrench.
@@ -79,7 +81,7 @@ pub enum ControllerCommand {
 }
 
 /// What happens on the wires.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum LinkCommand {
     /// A wire carries nothing for this many seconds: its receiver keeps the last value, which grows old.
@@ -100,8 +102,31 @@ pub enum LinkCommand {
     },
 }
 
+impl LinkCommand {
+    /// The first tick that it no longer concerns, when it applies at `tick`.
+    ///
+    /// # Errors
+    /// When its duration or its forces are no numbers.
+    pub fn until(&self, tick: Tick) -> Result<u64, Refusal> {
+        let for_s = match self {
+            Self::OperatorLostForS(for_s) | Self::Withhold { for_s, .. } => *for_s,
+            Self::WrenchRequest { request, for_s } => {
+                if !request.to_array().iter().flatten().all(|force| force.is_finite()) {
+                    return Err(Refusal("wrench_request: every force must be finite".to_owned()));
+                }
+                *for_s
+            }
+        };
+        if for_s >= 0.0 && for_s.is_finite() {
+            Ok(tick.k + Tick::at_or_after(for_s, tick.dt_s))
+        } else {
+            Err(Refusal(format!("for_s = {for_s}: must be zero or positive, and finite")))
+        }
+    }
+}
+
 /// The wires of the ring.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Wire {
     /// Plant to estimator.
@@ -141,12 +166,29 @@ pub enum Setpoint {
     },
 }
 
-#[derive(Deserialize)]
+/// A set-point as a table.
+#[derive(Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case", remote = "Setpoint")]
 enum Profile {
+    /// The same value from now on.
     Constant(f64),
+    /// From the present set-point to `to` at a constant rate, in `over_s` seconds.
     Ramp { to: f64, over_s: f64 },
+    /// `mean + amplitude sin(2π t/period_s)`, t from the command.
     Sine { mean: f64, amplitude: f64, period_s: f64 },
+}
+
+/// As [`Setpoint::deserialize`] reads it.
+impl JsonSchema for Setpoint {
+    fn schema_name() -> Cow<'static, str> {
+        "Setpoint".into()
+    }
+    fn json_schema(generator: &mut SchemaGenerator) -> Schema {
+        json_schema!({
+            "description": "A set-point that may vary in time: a number, or a table with one of the profiles.",
+            "anyOf": [{ "type": "number" }, generator.subschema_for::<Profile>()],
+        })
+    }
 }
 
 impl<'de> Deserialize<'de> for Setpoint {

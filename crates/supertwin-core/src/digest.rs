@@ -18,8 +18,8 @@ pub struct DigestProbe {
     words: [[u8; 8]; CAPACITY],
     len: usize,
     folded: u64,
-    /// Sum of `x · 0` over everything heard: 0 for numbers, NaN as soon as one was not.
-    finite: f64,
+    /// Sum of everything heard: finite as long as all of it was, NaN or infinite as soon as something was not.
+    sum: f64,
     /// The labels of the last round with their hashes, in the order shown: a label that stays is not hashed again.
     labels: [(&'static str, u64); LABELS],
     next_label: usize,
@@ -27,7 +27,7 @@ pub struct DigestProbe {
 
 impl Default for DigestProbe {
     fn default() -> Self {
-        Self { words: [[0; 8]; CAPACITY], len: 0, folded: 0, finite: 0.0, labels: [("", 0); LABELS], next_label: 0 }
+        Self { words: [[0; 8]; CAPACITY], len: 0, folded: 0, sum: 0.0, labels: [("", 0); LABELS], next_label: 0 }
     }
 }
 
@@ -44,14 +44,15 @@ impl DigestProbe {
         core::mem::take(&mut self.folded)
     }
 
-    /// Ends a tick: whether everything heard since the last call was a number.
+    /// Ends a tick: true only if everything heard since the last call was a number. Numbers so large that their sum is none
+    /// give false as well: who wants to know has to look.
     pub fn take_finite(&mut self) -> bool {
         self.next_label = 0;
-        core::mem::take(&mut self.finite) == 0.0
+        core::mem::take(&mut self.sum).is_finite()
     }
 
     fn fold(&mut self) {
-        if self.finite.is_nan() {
+        if !self.sum.is_finite() {
             for word in &mut self.words[..self.len] {
                 *word = canonical_nan(u64::from_le_bytes(*word)).to_le_bytes();
             }
@@ -83,13 +84,13 @@ impl Probe for DigestProbe {
     #[inline(always)]
     fn vector(&mut self, _: &'static Signal, values: &[f64]) {
         debug_assert!(values.len() <= CAPACITY, "a signal wider than the hash's buffer");
-        let mut finite = self.finite;
+        let mut sum = self.sum;
         for (word, x) in self.reserve(values.len()).iter_mut().zip(values) {
             // Adding zero turns −0 into 0.
             *word = (x + 0.0).to_bits().to_le_bytes();
-            finite += x * 0.0;
+            sum += x;
         }
-        self.finite = finite;
+        self.sum = sum;
     }
     fn label(&mut self, _: &'static Signal, value: &'static str) {
         let known = &mut self.labels[self.next_label % LABELS];

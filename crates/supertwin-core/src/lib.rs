@@ -5,7 +5,7 @@
 //! * [`Input`] and [`Prev`]: what a block is handed, with its age; the one legal unit delay.
 //! * [`Port`] and [`Wired`]: where inputs arrive when they come over wires.
 //! * [`Observe`], [`Probe`], [`Signal`]: a quantity shows itself once, and every listener hears it.
-//! * [`RunSink`]: where a run is written to, without naming a file format.
+//! * [`RunSink`] and [`RunSource`]: where a run is written to and read from, without naming a file format.
 //!
 //! Conventions: SI units, radians, seconds; frame {n} is North-East-Down, frame {b} is forward-starboard-down.
 
@@ -24,7 +24,9 @@ pub mod parameter;
 pub mod port;
 pub mod random;
 pub mod run;
+pub mod source;
 pub mod tick;
+pub mod unit;
 
 pub use axes::{Axes, BodyAcceleration, BodyVelocity, Wrench};
 pub use block::{Block, Refusal};
@@ -35,4 +37,5 @@ pub use observe::{Observe, Probe, Signal};
 pub use parameter::ParameterChange;
 pub use port::{Port, PortRule, Wired};
 pub use run::{Event, NoSink, Property, RunHeader, RunSink, SinkError};
+pub use source::RunSource;
 pub use tick::Tick;

@@ -5,6 +5,7 @@
 use crate::axes::{ACCELERATION_UNITS, AXIS_NAMES, VELOCITY_UNITS, WRENCH_UNITS};
 use crate::{Axes, BodyAcceleration, BodyVelocity, Observe, Probe, Signal, Wrench};
 use arrayvec::ArrayVec;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 /// Most thrusters that a vehicle can have.
@@ -26,7 +27,7 @@ pub trait Message: Observe + Serialize + DeserializeOwned + Clone + Send + 'stat
 // ------------------------------------------------------------------------------------------------ plant → estimator
 
 /// What the sensors delivered at a tick: each part is present only when it arrived.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Measurements {
     /// Doppler velocity log, forward-looking.
@@ -40,7 +41,7 @@ pub struct Measurements {
 }
 
 /// One ping of the forward-looking DVL.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DvlPing {
     /// When the sound was sent, in seconds of the run.
@@ -52,7 +53,7 @@ pub struct DvlPing {
 }
 
 /// One reading of the pressure sensor.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DepthSample {
     /// When it was taken, in seconds of the run.
@@ -62,7 +63,7 @@ pub struct DepthSample {
 }
 
 /// One reading of the compass.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct HeadingSample {
     /// When it was taken, in seconds of the run.
@@ -72,7 +73,7 @@ pub struct HeadingSample {
 }
 
 /// One reading of the rate gyro.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct YawRateSample {
     /// When it was taken, in seconds of the run.
@@ -101,6 +102,24 @@ static COMPASS: Signal =
     Signal { path: "plant/measurements/heading", components: &[], units: &["rad"], about: "fluxgate compass" };
 static GYRO: Signal =
     Signal { path: "plant/measurements/yaw_rate", components: &[], units: &["rad/s"], about: "rate gyro" };
+static DEPTH_TAKEN_AT: Signal = Signal {
+    path: "plant/measurements/depth_taken_at",
+    components: &[],
+    units: &["s"],
+    about: "when the depth was taken",
+};
+static COMPASS_TAKEN_AT: Signal = Signal {
+    path: "plant/measurements/heading_taken_at",
+    components: &[],
+    units: &["s"],
+    about: "when the heading was taken",
+};
+static GYRO_TAKEN_AT: Signal = Signal {
+    path: "plant/measurements/yaw_rate_taken_at",
+    components: &[],
+    units: &["s"],
+    about: "when the rate was taken",
+};
 
 impl Observe for Measurements {
     fn observe<P: Probe>(&self, probe: &mut P) {
@@ -113,12 +132,15 @@ impl Observe for Measurements {
         }
         if let Some(sample) = &self.depth {
             probe.scalar(&DEPTH, sample.depth_m);
+            probe.scalar(&DEPTH_TAKEN_AT, sample.taken_at_s);
         }
         if let Some(sample) = &self.compass {
             probe.scalar(&COMPASS, sample.heading_rad);
+            probe.scalar(&COMPASS_TAKEN_AT, sample.taken_at_s);
         }
         if let Some(sample) = &self.gyro {
             probe.scalar(&GYRO, sample.yaw_rate_rad_per_s);
+            probe.scalar(&GYRO_TAKEN_AT, sample.taken_at_s);
         }
     }
 }
@@ -127,7 +149,7 @@ impl Message for Measurements {
 }
 
 /// The true state, for recordings and scores. The brain never subscribes to it.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Truth {
     /// North of the cage's centre.
@@ -153,6 +175,7 @@ pub struct Truth {
     /// Force of the thrusters, in body axes.
     pub wrench: Wrench,
     /// Force of each thruster in newtons.
+    #[schemars(with = "Vec<f64>", length(max = MAX_THRUSTERS))]
     pub thruster_force_n: PerThruster,
 }
 
@@ -224,7 +247,7 @@ impl Message for Truth {
 // --------------------------------------------------------------------------------- estimator → guidance, controller
 
 /// The vehicle's and the net's state as the estimator sees them.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Nav {
     /// Below the mean surface.
@@ -246,7 +269,7 @@ pub struct Nav {
 }
 
 /// Variances of [`Nav`], in the squared unit of each quantity.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct NavVariance {
     /// Of the depth.
@@ -260,7 +283,7 @@ pub struct NavVariance {
 }
 
 /// The net plane in front of the vehicle.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct NetEstimate {
     /// Shortest distance from the vehicle's origin to the plane.
@@ -276,7 +299,7 @@ pub struct NetEstimate {
 }
 
 /// Health of the estimator.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[allow(clippy::struct_excessive_bools, reason = "independent flags")]
 pub struct NavHealth {
@@ -360,7 +383,7 @@ impl Message for Nav {
 // ------------------------------------------------------------------------------------------- guidance → controller
 
 /// What guidance is doing, or what the controller does when guidance is silent.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Mode {
     /// No force at all.
@@ -385,7 +408,7 @@ impl Mode {
 }
 
 /// Direction of travel along the net, as seen from a vehicle that faces it.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Direction {
     /// To the right.
@@ -407,7 +430,7 @@ impl Direction {
 }
 
 /// Smooth references with their derivatives, and the set-points behind them.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Reference {
     /// What guidance is doing.
@@ -481,10 +504,11 @@ impl Message for Reference {
 // ---------------------------------------------------------------------------------------------- controller → plant
 
 /// Thruster commands, and the wrench that was wanted and the one they make.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Thrust {
     /// Commanded force of each thruster in newtons.
+    #[schemars(with = "Vec<f64>", length(max = MAX_THRUSTERS))]
     pub force_n: PerThruster,
     /// What the control law asked for.
     pub requested: Wrench,
@@ -541,7 +565,7 @@ impl Message for Thrust {
 }
 
 /// A wrench from outside, for the law `external`. Axes that are absent stay with the law's own substitute.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct WrenchRequest {
     /// Along the forward axis, in newtons.

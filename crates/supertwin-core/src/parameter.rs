@@ -1,12 +1,13 @@
 //! Tunable parameters by name: the path into a configuration type is the name, and its checks are the rules.
 
 use crate::Refusal;
+use schemars::JsonSchema;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 /// A new value for one parameter.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ParameterChange {
     /// Names from the outside in, with dots: `law.pid.kp.surge`.

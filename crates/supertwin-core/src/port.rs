@@ -58,6 +58,8 @@ pub struct Port<M> {
     made_at: Option<u64>,
     /// In the order of their ticks; the last is the newest. Emptied by a step only when every one counts.
     messages: Vec<M>,
+    /// The tick of each of them.
+    ticks: Vec<u64>,
     /// The newest has been seen by a step: it is held, and no longer new.
     seen: bool,
 }
@@ -66,7 +68,13 @@ impl<M> Port<M> {
     /// Without a message yet.
     #[must_use]
     pub fn new(rule: PortRule) -> Self {
-        Self { rule, made_at: None, messages: Vec::with_capacity(rule.keep), seen: false }
+        Self {
+            rule,
+            made_at: None,
+            messages: Vec::with_capacity(rule.keep),
+            ticks: Vec::with_capacity(rule.keep),
+            seen: false,
+        }
     }
 
     /// How the wire ends here.
@@ -83,12 +91,15 @@ impl<M> Port<M> {
         self.made_at = Some(made_at);
         if core::mem::take(&mut self.seen) && self.rule.keep > 1 {
             self.messages.clear();
+            self.ticks.clear();
         }
         let full = self.messages.len() >= self.rule.keep;
         if full {
             self.messages.remove(0);
+            self.ticks.remove(0);
         }
         self.messages.push(message);
+        self.ticks.push(made_at);
         if full && self.rule.keep > 1 { Offered::Displaced } else { Offered::Taken }
     }
 
@@ -131,6 +142,12 @@ impl<M> Port<M> {
         if self.seen { &[] } else { &self.messages }
     }
 
+    /// Ticks of the messages that a step uses now: all new ones where every one counts, else the newest.
+    #[must_use]
+    pub fn used(&self) -> &[u64] {
+        if self.seen && self.rule.keep > 1 { &[] } else { &self.ticks }
+    }
+
     /// A step has seen what is here.
     pub fn stepped(&mut self) {
         self.seen = true;
@@ -140,6 +157,7 @@ impl<M> Port<M> {
     pub fn clear(&mut self) {
         self.made_at = None;
         self.messages.clear();
+        self.ticks.clear();
         self.seen = false;
     }
 }
@@ -194,6 +212,8 @@ mod tests {
         assert!(port.ready(3) && !port.ready(4));
         assert_eq!(port.newest(3), Input::Fresh(&'c'));
         assert_eq!(port.newest(5), Input::Held { value: &'c', made_at: 3 });
+        port.stepped();
+        assert_eq!(port.used(), [3], "what is held is used again");
     }
 
     #[test]
@@ -211,13 +231,13 @@ mod tests {
         let mut port = Port::new(PortRule { keep: 2, ..PortRule::EVERY });
         port.offer(1, 'a');
         port.offer(2, 'b');
-        assert_eq!(port.every(), ['a', 'b']);
+        assert_eq!((port.every(), port.used()), (&['a', 'b'][..], &[1, 2][..]));
         port.stepped();
-        assert!(port.every().is_empty());
+        assert!(port.every().is_empty() && port.used().is_empty());
         assert_eq!(port.offer(3, 'c'), Offered::Taken);
         assert_eq!(port.every(), ['c']);
         port.offer(4, 'd');
         assert_eq!(port.offer(5, 'e'), Offered::Displaced);
-        assert_eq!(port.every(), ['d', 'e']);
+        assert_eq!((port.every(), port.used()), (&['d', 'e'][..], &[4, 5][..]));
     }
 }

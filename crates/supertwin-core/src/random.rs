@@ -41,6 +41,11 @@ impl Stream {
         low + (high - low) * self.0.random::<f64>()
     }
 
+    /// A whole number in 0..n, uniform but for one part in 2³²/n.
+    pub fn below(&mut self, n: u32) -> u32 {
+        ((u64::from(self.0.random::<u32>()) * u64::from(n)) >> 32) as u32
+    }
+
     /// True with probability `p`.
     pub fn chance(&mut self, p: f64) -> bool {
         self.0.random::<f64>() < p
@@ -196,5 +201,8 @@ mod tests {
         assert!((normal2 / n - 1.0).abs() < 0.015);
         assert!((exponential / n - 0.05).abs() < 0.0006);
         assert!((f64::from(hits) / n - 0.3).abs() < 0.005);
+        let mut faces = [0u32; 6];
+        (0..60_000).for_each(|_| faces[s.below(6) as usize] += 1);
+        assert!(faces.iter().all(|face| face.abs_diff(10_000) < 400), "{faces:?}");
     }
 }

@@ -1,12 +1,13 @@
 //! Where a run is written to: the trait between whoever produces a run and whoever keeps it.
 
 use crate::{Probe, Tick};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 /// One property of a run, such as its seed or a score.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(untagged)]
 pub enum Property {
     /// A count, a seed.
@@ -38,6 +39,9 @@ impl From<u64> for Property {
     }
 }
 
+/// Version of what recordings contain, and how: the property `format` of a run, 1 where it is missing.
+pub const FORMAT: u64 = 1;
+
 /// Properties by name, in alphabetical order.
 pub type Properties = BTreeMap<String, Property>;
 
@@ -52,7 +56,7 @@ pub struct RunHeader {
     pub scene: Scene,
 }
 
-/// Geometry for the eye, in metres, NED.
+/// What the eye needs beside the signals: geometry in metres, NED, and limits that are configured.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Scene {
     /// Polylines of the net at rest.
@@ -61,10 +65,47 @@ pub struct Scene {
     pub body_half_size_m: [f64; 3],
     /// Unit vectors of the DVL beams, body axes.
     pub beams: [[f64; 3]; 4],
+    /// The thrusters, in the order of their signals.
+    pub thrusters: Vec<ThrusterPlace>,
+    /// Lines beside curves.
+    pub limits: Limits,
+}
+
+/// Where a thruster sits, body axes.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ThrusterPlace {
+    /// Position in metres.
+    pub position_m: [f64; 3],
+    /// Direction of a positive force, a unit vector.
+    pub direction: [f64; 3],
+    /// Largest force either way.
+    pub max_n: f64,
+}
+
+/// Limits as configured when the run began; commands that change them later do not change the lines.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Limits {
+    /// Inside this band of the sliding variable an adaptive law lets its gains fall.
+    pub alpha_tol: Option<[f64; 4]>,
+    /// Gates on the normalised innovation squared, where a sensor has one.
+    pub nis_gate: NisGates,
+}
+
+/// Gates of the estimator's sensors; without one, everything is taken.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct NisGates {
+    /// Each component of the DVL's velocity.
+    pub dvl: Option<f64>,
+    /// Depth.
+    pub depth: Option<f64>,
+    /// Compass.
+    pub heading: Option<f64>,
+    /// Gyro.
+    pub yaw_rate: Option<f64>,
 }
 
 /// Something that happened at a tick and must not be lost.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Event {
     /// When.
@@ -78,7 +119,7 @@ pub struct Event {
 }
 
 /// How grave an event is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Severity {
     /// As planned.
@@ -124,6 +165,26 @@ pub trait RunSink: Probe {
     /// # Errors
     /// When something can't be written or closed.
     fn finish(&mut self, results: &Properties) -> Result<(), SinkError>;
+}
+
+/// Two who keep the same run; both hear everything, also when one fails.
+impl<A: RunSink, B: RunSink> RunSink for crate::observe::Both<'_, A, B> {
+    fn begin(&mut self, header: &RunHeader) -> Result<(), SinkError> {
+        let first = self.0.begin(header);
+        self.1.begin(header).and(first)
+    }
+    fn tick(&mut self, tick: Tick) -> Result<(), SinkError> {
+        let first = self.0.tick(tick);
+        self.1.tick(tick).and(first)
+    }
+    fn event(&mut self, event: &Event) -> Result<(), SinkError> {
+        let first = self.0.event(event);
+        self.1.event(event).and(first)
+    }
+    fn finish(&mut self, results: &Properties) -> Result<(), SinkError> {
+        let first = self.0.finish(results);
+        self.1.finish(results).and(first)
+    }
 }
 
 /// A run that nobody keeps.

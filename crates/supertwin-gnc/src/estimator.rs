@@ -331,7 +331,7 @@ impl Block for Estimator {
 }
 
 /// The wires that end at the estimator.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct EstimatorPorts {
     measurements: Port<Measurements>,
     thrust: Port<Thrust>,

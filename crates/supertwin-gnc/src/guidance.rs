@@ -394,7 +394,7 @@ impl Block for Guidance {
 }
 
 /// The wires that end at guidance.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct GuidancePorts {
     nav: Port<Nav>,
 }

@@ -15,9 +15,11 @@ pub mod environment;
 pub mod plant;
 pub mod propulsion;
 pub mod sensors;
+pub mod shadow;
 pub mod waves;
 
 pub use environment::EnvironmentConfig;
-pub use plant::{Plant, PlantConfig, PlantInput, StartConfig, UnmodelledConfig};
+pub use plant::{Drive, Plant, PlantConfig, PlantInput, StartConfig, UnmodelledConfig};
 pub use propulsion::PropulsionConfig;
 pub use sensors::SensorsConfig;
+pub use shadow::{Shadow, ShadowInput, ShadowMeasurements, ShadowTruth};

@@ -16,7 +16,8 @@ use supertwin_core::message::{Measurements, Thrust, Truth};
 use supertwin_core::port::{MessageVisitor, PortVisitor};
 use supertwin_core::random::{Draw, OrnsteinUhlenbeck, Stream};
 use supertwin_core::{
-    Block, Input, Notice, Notices, Observe, OperatorLink, Port, PortRule, Prev, Probe, Refusal, Signal, Tick, Wired,
+    Block, BodyVelocity, Input, Notice, Notices, Observe, OperatorLink, Port, PortRule, Prev, Probe, Refusal, Signal,
+    Tick, Wired, Wrench,
 };
 use supertwin_model::{Hydrodynamics, Thrusters};
 
@@ -95,6 +96,26 @@ pub struct PlantConfig<'a> {
 /// What the plant consumes: the thrust of the tick before.
 pub type PlantInput<'a> = Prev<Input<&'a Thrust>>;
 
+/// A disturbance from outside in the place of current, waves and tether: fixed in space, whatever the vehicle's heading.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Drive {
+    /// Force towards North, East and down, in newtons.
+    pub force_ned_n: [f64; 3],
+    /// Moment about the downward axis, in newton metres.
+    pub yaw_nm: f64,
+}
+
+impl Drive {
+    /// A disturbance in body axes at this heading; a number that is none is no force.
+    #[must_use]
+    pub fn from_body(disturbance: &Wrench, heading_rad: f64) -> Self {
+        let finite = |x: f64| if x.is_finite() { x } else { 0.0 };
+        let [surge, sway, heave, yaw] = disturbance.to_array().map(finite);
+        let force = Heading::new(finite(heading_rad)).ned_from_body(Vector3::new(surge, sway, heave));
+        Self { force_ned_n: force.into(), yaw_nm: yaw }
+    }
+}
+
 /// `[north, east, depth, psi, u, v, w, r]`.
 type State = SVector<f64, 8>;
 
@@ -126,6 +147,8 @@ pub struct Plant {
     neutral: Thrust,
     started: bool,
     thrust_lost: bool,
+    /// In the place of current, waves and tether, once there is one.
+    drive: Option<Drive>,
     truth: Truth,
 }
 
@@ -189,6 +212,7 @@ impl Plant {
             neutral: Thrust { force_n: (0..config.thrusters.count()).map(|_| 0.0).collect(), ..Thrust::default() },
             started: false,
             thrust_lost: false,
+            drive: None,
             truth: Truth::default(),
         };
         plant.tell_truth(&Vector3::zeros(), &Vector4::zeros(), &Vector4::zeros());
@@ -201,6 +225,16 @@ impl Plant {
         &self.truth
     }
 
+    /// From the next step on the water stands still and nothing but `drive` acts beside the thrusters, until the next call.
+    pub fn drive(&mut self, drive: Drive) {
+        if self.drive.is_none() {
+            self.sea = WaveMotion::default();
+            self.truth.water_velocity = BodyVelocity::default();
+            self.truth.current_m_per_s = [0.0; 3];
+        }
+        self.drive = Some(drive);
+    }
+
     /// Moves from the last tick to this one under the thrust of the last tick.
     fn advance(&mut self, tick: Tick, thrust: &Thrust) {
         self.propulsion.command(&thrust.force_n);
@@ -208,28 +242,43 @@ impl Plant {
         let mut current = Vector3::zeros();
         let (mut disturbance, mut wrench) = (Vector4::zeros(), Vector4::zeros());
         for substep in 0..self.substeps {
-            if substep == 0 {
+            if substep == 0 && self.drive.is_none() {
                 current = self.current.step(self.state[2]);
             }
             self.propulsion.advance();
             let tau = self.propulsion.wrench();
-            disturbance = tether;
-            disturbance[3] += self.arm_m * tau[1];
+            if let Some(drive) = &self.drive {
+                // What the estimator found contains the moment of the sway thrust.
+                disturbance = self.driving(drive);
+            } else {
+                disturbance = tether;
+                disturbance[3] += self.arm_m * tau[1];
+            }
             let sea = self.sea;
             let surface = Vector4::new(0.0, 0.0, self.lost_buoyancy_n(), 0.0);
             self.integrate(&(tau + disturbance + surface), &(current + sea.velocity), &sea.acceleration);
             wrench = tau;
-            let position = self.position();
-            self.waves.advance(&position);
-            if substep + 1 == self.substeps {
-                self.waves.correct(tick.t_s());
+            if self.drive.is_none() {
+                let position = self.position();
+                self.waves.advance(&position);
+                if substep + 1 == self.substeps {
+                    self.waves.correct(tick.t_s());
+                }
+                self.sea = self.waves.motion();
             }
-            self.sea = self.waves.motion();
         }
         self.state[3] = ssa(self.state[3]);
         self.heading = Heading::new(self.state[3]);
         self.cage.set_time(tick.t_s());
         self.tell_truth(&current, &disturbance, &wrench);
+    }
+
+    /// What `drive` does in body axes; out of the way of a step without one.
+    #[cold]
+    #[inline(never)]
+    fn driving(&self, drive: &Drive) -> Vector4<f64> {
+        let force = self.heading.body_from_ned(Vector3::from(drive.force_ned_n));
+        Vector4::new(force.x, force.y, force.z, drive.yaw_nm)
     }
 
     /// One Runge-Kutta step; over it the water's velocity (NED) changes linearly with its acceleration.
@@ -318,7 +367,11 @@ impl Block for Plant {
         };
         Measurements {
             dvl: self.dvl.step(tick, &scene),
-            depth: self.depth.step(tick, self.state[2], self.waves.pressure_head_m()),
+            depth: self.depth.step(
+                tick,
+                self.state[2],
+                if self.drive.is_none() { self.waves.pressure_head_m() } else { 0.0 },
+            ),
             compass: self.compass.step(tick, self.state[3]),
             gyro: Some(self.gyro.step(tick, self.state[7])),
         }
@@ -353,7 +406,7 @@ impl Block for Plant {
 }
 
 /// The wire that ends at the plant.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct PlantPorts {
     thrust: Port<Thrust>,
 }
@@ -391,6 +444,11 @@ static DEMAND: Signal = Signal {
     units: &["N"],
     about: "force demanded at the propellers, after delay, dead band and limit",
 };
+
+/// Signals that are shown by no message.
+pub(crate) fn own_signals() -> [&'static Signal; 2] {
+    [&DEMAND, &PLANT_HEALTH]
+}
 
 impl Observe for Plant {
     fn observe<P: Probe>(&self, probe: &mut P) {

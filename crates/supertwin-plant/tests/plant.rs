@@ -8,11 +8,11 @@ use supertwin_core::frame::{Heading, ssa};
 use supertwin_core::message::{Measurements, Thrust, Truth};
 use supertwin_core::observe::Snapshot;
 use supertwin_core::random::Stream;
-use supertwin_core::{Block, Input, Message, Prev, Tick};
+use supertwin_core::{Block, Input, Message, Prev, Tick, Wrench};
 use supertwin_model::{Hydrodynamics, HydrodynamicsConfig, SonarArray, ThrusterConfig, Thrusters};
 use supertwin_plant::cage::{Cage, CageConfig};
 use supertwin_plant::sensors::{Compass, DepthSensor, Dvl, DvlScene, Gyro};
-use supertwin_plant::{EnvironmentConfig, Plant, PlantConfig, PropulsionConfig, SensorsConfig, StartConfig};
+use supertwin_plant::{Drive, EnvironmentConfig, Plant, PlantConfig, PropulsionConfig, SensorsConfig, StartConfig};
 
 const H_S: f64 = 0.02;
 /// Age of a thrust command that means neutral: 0.5 s.
@@ -188,6 +188,48 @@ fn state(truth: &Truth) -> [f64; 8] {
 
 fn distance(a: &[f64; 8], b: &[f64; 8]) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt()
+}
+
+// ----------------------------------------------------------------------------------------------------------- driven
+
+#[test]
+fn a_driven_plant_feels_the_given_force_and_nothing_of_the_sea() {
+    // North by East, whatever the heading; in a sea with current, waves and a tether.
+    let force_ned_n = [20.0, 10.0, 0.0];
+    let mut directions = Vec::new();
+    for offset_rad in [0.1, 2.0, -1.3] {
+        let setup = Setup::new("rataren").vehicle("true.net_buoyancy_n", 0.0).start("heading_offset_rad", offset_rad);
+        let mut bench = setup.sensors("depth.std_m", 0.0).build(3);
+        for _ in 0..60 {
+            bench.plant.drive(Drive { force_ned_n, yaw_nm: 0.0 });
+            let measured = bench.step(&idle());
+            let truth = bench.plant.truth();
+            if let Some(sample) = measured.depth {
+                assert_eq!(sample.depth_m.to_bits(), truth.depth_m.to_bits(), "no wave's pressure");
+            }
+            assert_eq!((truth.current_m_per_s, truth.water_velocity.to_array()), ([0.0; 3], [0.0; 4]));
+        }
+        let disturbance = bench.plant.truth().disturbance.to_array();
+        let of_heading = Heading::new(bench.plant.truth().heading_rad);
+        let back = of_heading.ned_from_body(Vector3::new(disturbance[0], disturbance[1], disturbance[2]));
+        assert!((back - Vector3::from(force_ned_n)).norm() < 0.5, "{back}");
+        let velocity = velocity_ned(bench.plant.truth());
+        assert!(velocity.x > 0.05 && velocity.y > 0.0, "{velocity}");
+        directions.push(libm::atan2(velocity.y, velocity.x));
+    }
+    // Surge and sway have other masses: near the force's direction, not along it.
+    assert!(directions.iter().all(|direction| (direction - 0.4636).abs() < 0.4), "{directions:?}");
+}
+
+#[test]
+fn a_disturbance_that_is_no_number_is_no_force() {
+    let wrench = Wrench::from([f64::NAN, 3.0, f64::INFINITY, f64::NAN]);
+    let drive = Drive::from_body(&wrench, 0.0);
+    assert_eq!((drive.force_ned_n, drive.yaw_nm), ([0.0, 3.0, 0.0], 0.0));
+    let turned = Drive::from_body(&Wrench::from([2.0, 0.0, 1.0, 0.5]), core::f64::consts::FRAC_PI_2);
+    assert!(turned.force_ned_n[0].abs() < 1e-12 && (turned.force_ned_n[1] - 2.0).abs() < 1e-12, "{turned:?}");
+    assert_eq!((turned.force_ned_n[2], turned.yaw_nm), (1.0, 0.5));
+    assert!(Drive::from_body(&wrench, f64::NAN).force_ned_n.iter().all(|x| x.is_finite()));
 }
 
 // ------------------------------------------------------------------------------------------------------- integration

@@ -330,7 +330,7 @@ impl Block for Controller {
 }
 
 /// The wires that end at the controller.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct ControllerPorts {
     nav: Port<Nav>,
     reference: Port<Reference>,

@@ -1,0 +1,172 @@
+//! Where a run is read from: the trait between whoever keeps a run and whoever scores, compares or repeats it.
+
+use crate::Event;
+use crate::run::Properties;
+use std::collections::BTreeMap;
+
+/// Values of one signal, in order of time.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Columns {
+    /// Names of the components.
+    pub names: Vec<String>,
+    /// Tick of every row.
+    pub tick: Vec<i64>,
+    /// Time of every row in nanoseconds since the start of the run.
+    pub time_ns: Vec<i64>,
+    /// Values per row.
+    pub width: usize,
+    /// Row by row.
+    pub values: Vec<f64>,
+    /// Further clocks of every row by name, in nanoseconds since 1970; none in a batch run.
+    pub clocks: BTreeMap<String, Vec<Option<i64>>>,
+}
+
+impl Columns {
+    /// Values of the row at `tick`.
+    #[must_use]
+    pub fn at(&self, tick: i64) -> Option<&[f64]> {
+        self.tick.binary_search(&tick).ok().and_then(|row| self.row(row))
+    }
+
+    /// Values of row number `row`.
+    #[must_use]
+    pub fn row(&self, row: usize) -> Option<&[f64]> {
+        self.values.get(row * self.width..(row + 1) * self.width)
+    }
+
+    /// Puts the rows in the order of their ticks; rows of one tick keep theirs.
+    pub fn sort(&mut self) {
+        if self.tick.is_sorted() {
+            return;
+        }
+        let mut order: Vec<usize> = (0..self.tick.len()).collect();
+        order.sort_by_key(|&row| self.tick[row]);
+        self.tick = order.iter().map(|&row| self.tick[row]).collect();
+        self.time_ns = order.iter().map(|&row| self.time_ns[row]).collect();
+        self.values = order.iter().flat_map(|&row| &self.values[row * self.width..][..self.width]).copied().collect();
+        for clock in self.clocks.values_mut() {
+            *clock = order.iter().map(|&row| clock[row]).collect();
+        }
+    }
+}
+
+/// A text at a tick: a label that took this value, or a command that applied.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Label {
+    /// At this tick.
+    pub tick: i64,
+    /// At this time in nanoseconds since the start of the run.
+    pub time_ns: i64,
+    /// This one.
+    pub value: String,
+}
+
+/// A message as it stood on a wire.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct WireMessage {
+    /// At this tick.
+    pub tick: i64,
+    /// At this time in nanoseconds since the start of the run.
+    pub time_ns: i64,
+    /// Further clocks by name, in nanoseconds since 1970.
+    pub clocks: BTreeMap<String, i64>,
+    /// Its bytes.
+    pub bytes: Vec<u8>,
+}
+
+/// A run that was kept.
+pub trait RunSource {
+    /// Name of the run; empty when not even that is left.
+    fn name(&self) -> &str;
+    /// Properties by group: `run` from the beginning, `result` from the end.
+    fn properties(&self) -> &BTreeMap<String, Properties>;
+    /// Numbers by path of the signal.
+    fn signals(&self) -> &BTreeMap<String, Columns>;
+    /// Changes of labels by path of the signal, in order of time.
+    fn labels(&self) -> &BTreeMap<String, Vec<Label>>;
+    /// What happened, in order of time.
+    fn events(&self) -> &[Event];
+    /// Commands that applied, as JSON, by service and in order of time; only a run over a network records them.
+    fn commands(&self) -> &BTreeMap<String, Vec<Label>>;
+    /// Whatever was recorded is there.
+    fn is_complete(&self) -> bool;
+    /// Words at a path, in order of time: the account of each step at `step/<service>`, states at
+    /// `state/<service>/<name>`; only a run over a network records them.
+    fn words(&self, path: &str) -> &[Label] {
+        let _ = path;
+        &[]
+    }
+    /// The exact messages of the wire `key`, in order of time; only a run over a network records them.
+    fn wire(&self, key: &str) -> &[WireMessage] {
+        let _ = key;
+        &[]
+    }
+}
+
+/// A run that is kept in memory, complete.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Kept {
+    /// Name of the run.
+    pub name: String,
+    /// Properties by group.
+    pub properties: BTreeMap<String, Properties>,
+    /// Numbers by path of the signal.
+    pub signals: BTreeMap<String, Columns>,
+    /// Changes of labels by path of the signal, in order of time.
+    pub labels: BTreeMap<String, Vec<Label>>,
+    /// What happened, in order of time.
+    pub events: Vec<Event>,
+    /// Commands that applied, as JSON, by service.
+    pub commands: BTreeMap<String, Vec<Label>>,
+    /// Words by path.
+    pub words: BTreeMap<String, Vec<Label>>,
+}
+
+impl RunSource for Kept {
+    fn name(&self) -> &str {
+        &self.name
+    }
+    fn properties(&self) -> &BTreeMap<String, Properties> {
+        &self.properties
+    }
+    fn signals(&self) -> &BTreeMap<String, Columns> {
+        &self.signals
+    }
+    fn labels(&self) -> &BTreeMap<String, Vec<Label>> {
+        &self.labels
+    }
+    fn events(&self) -> &[Event] {
+        &self.events
+    }
+    fn commands(&self) -> &BTreeMap<String, Vec<Label>> {
+        &self.commands
+    }
+    fn is_complete(&self) -> bool {
+        true
+    }
+    fn words(&self, path: &str) -> &[Label] {
+        self.words.get(path).map_or(&[], Vec::as_slice)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_are_found_by_tick_in_any_order_of_arrival() {
+        let mut columns = Columns {
+            tick: vec![4, 2, 9],
+            time_ns: vec![40, 20, 90],
+            width: 2,
+            values: vec![4.0, 4.5, 2.0, 2.5, 9.0, 9.5],
+            clocks: BTreeMap::from([("sender_clock".to_owned(), vec![Some(400), None, Some(900)])]),
+            ..Columns::default()
+        };
+        columns.sort();
+        assert_eq!(columns.time_ns, [20, 40, 90]);
+        assert_eq!(columns.at(4), Some(&[4.0, 4.5][..]));
+        assert_eq!((columns.at(3), columns.row(3)), (None, None));
+        assert_eq!(columns.clocks["sender_clock"], [None, Some(400), Some(900)]);
+    }
+}
