@@ -1,6 +1,7 @@
 //! Who may command: one client at a time, by a lease that expires. Lives on the vehicle, beside the controller.
 
 use crate::keys;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::time::Duration;
@@ -13,7 +14,7 @@ const MIN_TOKEN: usize = 32;
 const MAX_TOKEN: usize = 128;
 
 /// What a client asks of `authority/lease`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct LeaseRequest {
     /// Who asks.
@@ -29,7 +30,7 @@ pub struct LeaseRequest {
 }
 
 /// What can be asked.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum LeaseAction {
     /// Take the lease, if nobody has it.
@@ -43,7 +44,7 @@ pub enum LeaseAction {
 }
 
 /// The answer.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct LeaseReply {
     /// The asker holds the lease now.
@@ -61,7 +62,7 @@ pub struct LeaseReply {
 }
 
 /// Why the last lease ended.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Ended {
     /// There was none yet, or it was given back, or one is in force.
@@ -74,7 +75,7 @@ pub enum Ended {
 }
 
 /// What the other services are told: enough to check a token, not enough to make one.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct LeaseState {
     /// Which instance keeps the lease: one that starts anew has forgotten it.

@@ -13,7 +13,7 @@ use std::time::Duration;
 use zenoh::bytes::Encoding;
 use zenoh::qos::{CongestionControl, Priority};
 use zenoh::query::{ConsolidationMode, QueryTarget};
-use zenoh::sample::SampleKind;
+use zenoh::sample::{SampleKind, SourceInfo};
 use zenoh::{Session, Wait};
 
 /// How long one attempt waits for its acknowledgement.
@@ -203,6 +203,8 @@ impl Client {
                 .congestion_control(CongestionControl::Block)
                 .priority(Priority::InteractiveHigh)
                 .express(true)
+                // Whom to look for in the router's log.
+                .source_info(SourceInfo::new(self.session.id(), attempt))
                 .timeout(ATTEMPT);
             if let Some(body) = &body {
                 query = query.payload(body.clone()).encoding(Encoding::APPLICATION_JSON);

@@ -2,6 +2,7 @@
 
 use crate::authority::LeaseView;
 use crate::keys;
+use schemars::JsonSchema;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
@@ -20,7 +21,7 @@ const MAX_AHEAD_S: f64 = 3600.0;
 const MAX_WAITING: usize = 1024;
 
 /// What a client sends to `command/<service>/<name>`, or to `param/<service>/<path>` to change it.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Request {
     /// Who asks.
@@ -39,7 +40,7 @@ pub struct Request {
 }
 
 /// The answer.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "status", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Answer {
     /// It will apply.
@@ -72,7 +73,7 @@ pub struct Waiting<C> {
 }
 
 /// What the desk did.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct DeskCounts {
     /// Requests that were scheduled.
     pub scheduled: u64,

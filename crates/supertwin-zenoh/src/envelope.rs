@@ -1,5 +1,6 @@
 //! What travels on a wire: a message with its run, source, tick and sequence number, as JSON with exact floats.
 
+use schemars::JsonSchema;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
@@ -8,7 +9,7 @@ use std::borrow::Cow;
 pub const MAX_PAYLOAD: usize = 64 * 1024;
 
 /// A message on its way.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Envelope<'a, T> {
     /// Which run it belongs to; a client that is no service may leave it empty.
@@ -71,6 +72,14 @@ pub fn decode<T: DeserializeOwned>(payload: &[u8]) -> Result<Envelope<'_, T>, Re
         return Err(Rejected::TooLarge(payload.len()));
     }
     serde_json::from_slice(payload).map_err(|error| Rejected::Malformed(error.to_string()))
+}
+
+/// Reads who sent a message, when, and with which number; what it says is not looked at.
+///
+/// # Errors
+/// As [`decode`].
+pub fn head(payload: &[u8]) -> Result<Envelope<'_, serde::de::IgnoredAny>, Rejected> {
+    decode(payload)
 }
 
 #[cfg(test)]

@@ -30,6 +30,12 @@ pub fn setpoint(name: &str) -> String {
     format!("setpoint/{name}")
 }
 
+/// What the twin beside a real vehicle says in place of the plant.
+#[must_use]
+pub fn shadow(wire: &str) -> String {
+    format!("shadow/{wire}")
+}
+
 /// Who may command, until when.
 pub const LEASE: &str = "authority/lease";
 
@@ -85,6 +91,16 @@ pub fn stop(service: &str) -> String {
 #[must_use]
 pub fn witness(name: &str) -> String {
     format!("witness/{name}")
+}
+
+/// Where an advanced publisher says its last number, answers for what it keeps, and shows itself. `**` of a rule does not
+/// match it: each rule names it.
+pub const ADVANCED: &str = "/@adv/**";
+
+/// The same, of one key.
+#[must_use]
+pub fn advanced(key: &str) -> String {
+    format!("{key}{ADVANCED}")
 }
 
 /// A client's name may be part of a key.

@@ -1,5 +1,6 @@
 //! The account of one wire: what arrived, twice, not at all, too late, or from somebody else.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
@@ -7,7 +8,7 @@ use std::time::Duration;
 const WINDOW: u64 = 128;
 
 /// Counters of one wire.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Counts {
     /// Messages that were new.
     pub received: u64,

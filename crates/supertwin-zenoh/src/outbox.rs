@@ -21,6 +21,9 @@ const LETTERS: usize = 4096;
 /// Events that a listener can recover after it was cut off.
 pub(crate) const EVENT_CACHE: usize = 10_000;
 
+/// How often a service says which event was its last: who was away when it was sent finds out by this.
+const HEARTBEAT: Duration = Duration::from_millis(500);
+
 /// Something to send.
 #[derive(Debug)]
 pub(crate) enum Letter {
@@ -85,41 +88,65 @@ impl Slot {
 
 struct Sender {
     session: Session,
+    root: String,
     service: &'static str,
-    telemetry: Vec<Publisher<'static>>,
+    telemetry: Vec<AdvancedPublisher<'static>>,
     events: AdvancedPublisher<'static>,
     health: Publisher<'static>,
     states: BTreeMap<String, Vec<u8>>,
 }
 
 impl Outbox {
-    /// Declares the publishers of `service`; `telemetry` lists the keys that may be dropped.
-    pub(crate) fn open(session: &Session, service: &'static str, telemetry: &[String]) -> Result<Self, LinkError> {
-        let declare = |key: String, priority: Priority| {
-            session
-                .declare_publisher(key.clone())
+    /// Declares the publishers of `service` below `root`; `telemetry` lists the keys that may be dropped, and of which
+    /// the last `kept` messages can be asked for.
+    pub(crate) fn open(
+        session: &Session,
+        root: &str,
+        service: &'static str,
+        telemetry: &[String],
+        kept: usize,
+    ) -> Result<Self, LinkError> {
+        let droppable = |key: &String| {
+            let publisher = session
+                .declare_publisher(format!("{root}{key}"))
                 .encoding(Encoding::APPLICATION_JSON)
                 .congestion_control(CongestionControl::Drop)
-                .priority(priority)
-                .wait()
-                .map_err(LinkError::session(format!("publisher {key}")))
+                .priority(Priority::DataLow);
+            let failed = LinkError::session(format!("publisher {key}"));
+            let publisher = publisher.advanced();
+            // Numbers rather than time stamps tell the kept messages apart; nobody needs to be told of the last one.
+            let publisher = if kept == 0 {
+                publisher
+            } else {
+                let cache = CacheConfig::default().max_samples(kept);
+                publisher.cache(cache).sample_miss_detection(MissDetectionConfig::default())
+            };
+            publisher.wait().map_err(failed)
         };
+        let health = session
+            .declare_publisher(format!("{root}{}", keys::health(service)))
+            .encoding(Encoding::APPLICATION_JSON)
+            .congestion_control(CongestionControl::Drop)
+            .priority(Priority::Data)
+            .wait()
+            .map_err(LinkError::session(format!("publisher {}", keys::health(service))))?;
         let events = session
-            .declare_publisher(keys::event(service))
+            .declare_publisher(format!("{root}{}", keys::event(service)))
             .encoding(Encoding::APPLICATION_JSON)
             .congestion_control(CongestionControl::Drop)
             .priority(Priority::Data)
             .cache(CacheConfig::default().max_samples(EVENT_CACHE))
-            .sample_miss_detection(MissDetectionConfig::default().sporadic_heartbeat(Duration::from_millis(200)))
+            .sample_miss_detection(MissDetectionConfig::default().heartbeat(HEARTBEAT))
             .publisher_detection()
             .wait()
             .map_err(LinkError::session(format!("publisher {}", keys::event(service))))?;
         let sender = Sender {
             session: session.clone(),
             service,
-            telemetry: telemetry.iter().map(|key| declare(key.clone(), Priority::DataLow)).collect::<Result<_, _>>()?,
+            root: root.to_owned(),
+            telemetry: telemetry.iter().map(droppable).collect::<Result<_, _>>()?,
             events,
-            health: declare(keys::health(service), Priority::Data)?,
+            health,
             states: BTreeMap::new(),
         };
         let shared = Arc::new(Shared::default());
@@ -205,7 +232,8 @@ impl Sender {
                 let _ = self.health.put(payload).wait();
             }
             Letter::State(name, payload) => {
-                let key = if name.contains('/') { name } else { keys::state(self.service, &name) };
+                let name = if name.contains('/') { name } else { keys::state(self.service, &name) };
+                let key = format!("{}{name}", self.root);
                 let _ = self
                     .session
                     .put(key.clone(), payload.clone())

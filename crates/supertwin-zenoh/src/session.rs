@@ -1,5 +1,8 @@
 //! Sessions: a JSON5 file of Zenoh's own format, laid over settings that are safe by default, and overrides.
 
+use crate::clock::{Clock, SystemClock};
+use crate::pki::{self, Credentials, PkiError};
+use crate::why;
 use serde_json::{Map, Value, json};
 use std::path::{Path, PathBuf};
 use zenoh::{Config, Session, Wait};
@@ -13,6 +16,8 @@ pub struct Link {
     pub listen: Vec<String>,
     /// Endpoints to connect to, instead of the file's.
     pub connect: Vec<String>,
+    /// Folder of a certificate's holder, for TLS: instead of the files that the settings name.
+    pub credentials: Option<PathBuf>,
     /// `path/to/key=json5`, over everything else.
     pub overrides: Vec<String>,
     /// `router` or `client`, instead of the file's.
@@ -42,8 +47,11 @@ pub enum LinkError {
         /// Why.
         cause: String,
     },
+    /// Certificates or keys can't be used.
+    #[error(transparent)]
+    Pki(#[from] PkiError),
     /// Nobody answers.
-    #[error("no router at {endpoints}: {cause}; start one with `supertwin up` or `supertwin serve router`")]
+    #[error("no router at {endpoints}: {cause}")]
     NoRouter {
         /// Where it was looked for.
         endpoints: String,
@@ -91,16 +99,22 @@ fn base() -> Value {
         "timestamping": { "enabled": false },
         "transport": {
             "link": {
-                "tx": {
-                    "lease": 2000,
-                    // Two batches, the default, are full after two express messages: four services in one process send
-                    // four at every tick, and the rest would be dropped without a word.
-                    "queue": { "size": { "real_time": 16, "interactive_high": 16, "data": 16, "data_low": 16 } },
-                },
+                "tx": { "lease": 2000, "queue": queue() },
                 "rx": { "max_message_size": 1_048_576 },
             },
             "shared_memory": { "enabled": false },
         },
+    })
+}
+
+/// The queues of a link. Two batches, the default, are full after two express messages: four services in one process send
+/// four at every tick, and the rest would be dropped without a word. And what may be dropped waits 20 ms for room instead of
+/// one: a locked router makes all answers such, so that nobody who asks and does not read can hold it up, and a history of
+/// ten thousand events must still get through to who does read.
+pub(crate) fn queue() -> Value {
+    json!({
+        "size": { "real_time": 16, "interactive_high": 16, "data": 16, "data_low": 16 },
+        "congestion_control": { "drop": { "wait_before_drop": 20_000 } },
     })
 }
 
@@ -139,6 +153,11 @@ impl Link {
             set("namespace", namespace.as_str().into());
         }
         set("connect/timeout_ms", self.patience_ms.into());
+        if let Some(place) = &self.credentials {
+            let found = Credentials::find(place)?;
+            let listens = pki::read(&found.certificate)?.role.is_some_and(|role| role.listens());
+            set("transport/link/tls", found.settings(listens));
+        }
         for text in &self.overrides {
             let wrong = |cause: &str| LinkError::Setting { place: text.clone(), cause: cause.to_owned() };
             let (path, value) = text.split_once('=').ok_or_else(|| wrong("must be path/to/key=value"))?;
@@ -153,10 +172,11 @@ impl Link {
     /// # Errors
     /// Names the file and the key that is wrong.
     pub fn config(&self) -> Result<Config, LinkError> {
-        let settings = self.settings()?;
-        Config::from_json5(&settings.to_string()).map_err(|error| {
-            let place = self.file.as_ref().map_or_else(|| "settings".to_owned(), |path| path.display().to_string());
-            LinkError::Setting { place, cause: error.to_string() }
+        parse(&self.settings()?).map_err(|error| match (error, &self.file) {
+            (LinkError::Setting { cause, .. }, Some(file)) => {
+                LinkError::Setting { place: file.display().to_string(), cause }
+            }
+            (error, _) => error,
         })
     }
 
@@ -167,19 +187,48 @@ impl Link {
     pub fn open(&self) -> Result<Session, LinkError> {
         let settings = self.settings()?;
         let config = self.config()?;
-        for endpoint in endpoints(&settings, "listen") {
-            prepare_socket(&endpoint)?;
-        }
-        zenoh::open(config).wait().map_err(|error| {
-            let cause = error.to_string();
-            let (listen, connect) = (endpoints(&settings, "listen"), endpoints(&settings, "connect"));
-            if connect.is_empty() || cause.contains("listen") {
-                LinkError::Listen { endpoints: listen.join(", "), cause }
-            } else {
-                LinkError::NoRouter { endpoints: connect.join(", "), cause: brief(&cause) }
-            }
-        })
+        check_credentials(&settings, &SystemClock::start())?;
+        open(&settings, config)
     }
+}
+
+/// Opens a session with settings that were parsed.
+pub(crate) fn open(settings: &Value, config: Config) -> Result<Session, LinkError> {
+    let (listen, connect) = (endpoints(settings, "listen"), endpoints(settings, "connect"));
+    for endpoint in &listen {
+        prepare_socket(endpoint)?;
+    }
+    let (opened, reason) = why::hear(|| zenoh::open(config).wait());
+    opened.map_err(|error| {
+        let cause = error.to_string();
+        if connect.is_empty() || cause.contains("listen") {
+            LinkError::Listen { endpoints: listen.join(", "), cause: brief(&cause) }
+        } else {
+            let tls = &settings["transport"]["link"]["tls"];
+            let knows = ["", "_base64"].iter().any(|kind| tls[format!("root_ca_certificate{kind}")].is_string());
+            let reason = reason.unwrap_or(cause);
+            // A router that is there, and can't be spoken with, is not helped by another.
+            let cause = why::meaning(&reason, knows).map_or_else(
+                || format!("{}; start one with `supertwin up` or `supertwin serve router`", brief(&reason)),
+                str::to_owned,
+            );
+            LinkError::NoRouter { endpoints: connect.join(", "), cause }
+        }
+    })
+}
+
+/// Certificates and keys that are about to be used must be good: TLS itself says little, or says it to the other side.
+///
+/// # Errors
+/// Names the file, what is wrong and what to do.
+pub fn check_credentials(settings: &Value, clock: &dyn Clock) -> Result<(), PkiError> {
+    for side in ["listen", "connect"] {
+        let used = endpoints(settings, side).iter().any(|endpoint| endpoint.starts_with("tls/"));
+        if let Some(credentials) = pki::tls_files(settings, side).filter(|_| used) {
+            credentials.check(clock)?;
+        }
+    }
+    Ok(())
 }
 
 /// Zenoh's causes carry source files and lines; people want the words.
@@ -206,6 +255,12 @@ fn read(path: &Path) -> Result<Value, LinkError> {
     if value.is_object() { Ok(value) } else { Err(wrong("must be an object, { … }".to_owned())) }
 }
 
+/// Settings as Zenoh's own type.
+pub(crate) fn parse(settings: &Value) -> Result<Config, LinkError> {
+    Config::from_json5(&settings.to_string())
+        .map_err(|error| LinkError::Setting { place: "settings".to_owned(), cause: error.to_string() })
+}
+
 fn nested(path: &str, value: Value) -> Value {
     path.rsplit('/').fold(value, |value, name| Value::Object(Map::from_iter([(name.to_owned(), value)])))
 }
@@ -223,18 +278,11 @@ pub fn locators(session: &Session) -> Vec<String> {
     session.info().locators().wait().into_iter().map(|locator| locator.to_string()).collect()
 }
 
-/// Listeners that other machines can reach without TLS, and discovery that is left on: each a sentence.
+/// Listeners that other machines can reach and that do not check who comes and what he may do; discovery that is left on:
+/// each a sentence.
 #[must_use]
 pub fn exposures(settings: &Value) -> Vec<String> {
-    let mut found = Vec::new();
-    for endpoint in endpoints(settings, "listen") {
-        let local = ["127.", "localhost", "[::1]"]
-            .iter()
-            .any(|start| endpoint.split_once('/').is_some_and(|(_, address)| address.starts_with(start)));
-        if !endpoint.starts_with("unixsock") && !local && !endpoint.starts_with("tls/") {
-            found.push(format!("listens on {endpoint}, beyond loopback and without TLS"));
-        }
-    }
+    let mut found = open_listeners(settings);
     for way in ["multicast", "gossip"] {
         if settings["scouting"][way]["enabled"] == json!(true) {
             found.push(format!("discovery by {way} is on (scouting/{way}/enabled)"));
@@ -243,9 +291,39 @@ pub fn exposures(settings: &Value) -> Vec<String> {
     found
 }
 
+/// Listeners that other machines can reach, without TLS that asks for a certificate or without access control.
+#[must_use]
+pub fn open_listeners(settings: &Value) -> Vec<String> {
+    let rules = &settings["access_control"];
+    let rules = rules["enabled"] == json!(true) && rules["default_permission"] == json!("deny");
+    let asks = settings["transport"]["link"]["tls"]["enable_mtls"] == json!(true);
+    let found =
+        endpoints(settings, "listen").into_iter().filter(|endpoint| !is_local(endpoint)).filter_map(|endpoint| {
+            let lacks = match (endpoint.starts_with("tls/"), asks, rules) {
+                (false, ..) => "without TLS",
+                (true, false, _) => "without asking for a certificate (transport/link/tls/enable_mtls)",
+                (true, true, false) => "without access control that denies by default (access_control)",
+                (true, true, true) => return None,
+            };
+            Some(format!("listens on {endpoint}, beyond loopback and {lacks}"))
+        });
+    found.collect()
+}
+
+/// Whether only this machine can reach an endpoint.
+fn is_local(endpoint: &str) -> bool {
+    let Some((protocol, address)) = endpoint.split_once('/') else { return false };
+    let address = address.split(['?', '#']).next().unwrap_or(address);
+    let host = address.rsplit_once(':').map_or(address, |(host, _)| host).trim_start_matches('[').trim_end_matches(']');
+    protocol.starts_with("unixsock")
+        || host == "localhost"
+        || host.parse::<std::net::IpAddr>().is_ok_and(|address| address.is_loopback())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::role::{Role, Scope};
 
     #[test]
     fn a_file_is_laid_over_safe_settings_and_overrides_over_both() {
@@ -278,16 +356,67 @@ mod tests {
     }
 
     #[test]
-    fn what_is_exposed_is_found() {
-        let link = Link {
-            listen: ["tcp/0.0.0.0:7447", "tls/0.0.0.0:7448", "tcp/127.0.0.1:1", "unixsock-stream//tmp/a"]
-                .map(str::to_owned)
-                .to_vec(),
-            overrides: vec!["scouting/multicast/enabled=true".to_owned()],
+    fn credentials_make_the_settings_of_tls_and_are_checked_before_they_are_used() {
+        let (folder, clock) = (tempfile::tempdir().expect("folder"), SystemClock::start());
+        let day = pki::DAY;
+        let authority = pki::Authority::init(&folder.path().join("pki"), "f", day, &clock).expect("new");
+        let vehicle = pki::Request::new(Role::Vehicle, Scope::Fleet, "v").at(&["localhost"]);
+        authority.issue(&vehicle, &clock).expect("is legal");
+        authority.issue(&pki::Request::new(Role::Observer, Scope::Fleet, "o"), &clock).expect("is legal");
+        let link = |holder: &str| Link {
+            credentials: Some(authority.folder().join(holder)),
+            connect: vec!["tls/localhost:1".to_owned()],
+            overrides: vec!["transport/link/tls/verify_name_on_connect=false".to_owned()],
             ..Link::default()
         };
-        let found = exposures(&link.settings().expect("legal"));
-        assert_eq!(found.len(), 2, "{found:?}");
-        assert!(found[0].contains("0.0.0.0:7447") && found[1].contains("multicast"));
+        let tls = |holder: &str| link(holder).settings().expect("legal")["transport"]["link"]["tls"].clone();
+        assert_eq!(tls("o")["enable_mtls"], true);
+        assert_eq!(tls("o")["verify_name_on_connect"], false, "overrides are laid over all");
+        assert!(tls("o")["listen_certificate"].is_null());
+        assert!(tls("v")["listen_certificate"].as_str().is_some_and(|path| path.ends_with("v/v.pem")));
+        assert!(link("v").config().is_ok());
+
+        let settings = link("o").settings().expect("legal");
+        assert_eq!(check_credentials(&settings, &clock), Ok(()));
+        std::fs::remove_file(authority.folder().join("o/ca.pem")).expect("is there");
+        let said = check_credentials(&settings, &clock).expect_err("is gone").to_string();
+        assert!(said.contains("o/ca.pem: No such file"), "{said}");
+        let said = link("o").open().map(drop).expect_err("is gone").to_string();
+        assert!(said.contains("o/ca.pem: No such file"), "{said}");
+        let local = Link { connect: vec!["tcp/127.0.0.1:1".to_owned()], ..link("o") };
+        let settings = local.settings().expect("legal");
+        assert_eq!(check_credentials(&settings, &clock), Ok(()), "nothing is needed where there is no TLS");
+    }
+
+    #[test]
+    fn what_is_exposed_is_found() {
+        let link = |overrides: &[&str]| {
+            let listen =
+                ["tcp/0.0.0.0:7447", "tls/0.0.0.0:7448", "tcp/127.0.0.1:1", "tcp/[::1]:1", "unixsock-stream//tmp/a"];
+            Link {
+                listen: listen.map(str::to_owned).to_vec(),
+                overrides: overrides.iter().map(|&text| text.to_owned()).collect(),
+                ..Link::default()
+            }
+        };
+        let found = |overrides: &[&str]| exposures(&link(overrides).settings().expect("legal"));
+        let open = found(&["scouting/multicast/enabled=true"]);
+        assert_eq!(open.len(), 3, "{open:?}");
+        assert!(open[0].contains("0.0.0.0:7447, beyond loopback and without TLS") && open[2].contains("multicast"));
+        assert!(open[1].contains("0.0.0.0:7448, beyond loopback and without asking for a certificate"), "{open:?}");
+        let certified = found(&["transport/link/tls/enable_mtls=true"]);
+        assert!(certified[1].contains("without access control that denies by default"), "{certified:?}");
+        let rules = "access_control={enabled:true,default_permission:'deny',rules:[],subjects:[],policies:[]}";
+        assert_eq!(found(&["transport/link/tls/enable_mtls=true", rules]).len(), 1, "only TCP is left");
+    }
+
+    #[test]
+    fn a_host_that_looks_like_loopback_is_none() {
+        for local in ["tcp/localhost:7447", "tls/127.1.2.3:1", "tcp/[::1]:7447", "unixsock-stream//a:b/c"] {
+            assert!(is_local(local), "{local}");
+        }
+        for far in ["tcp/localhost.example:7447", "tcp/127.example:1", "tcp/0.0.0.0:1", "tcp/[::]:1", "nonsense"] {
+            assert!(!is_local(far), "{far}");
+        }
     }
 }

@@ -9,7 +9,7 @@ use std::time::Duration;
 use zenoh::key_expr::KeyExpr;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Subscriber;
-use zenoh::query::{ConsolidationMode, ReplyKeyExpr};
+use zenoh::query::{ConsolidationMode, QueryTarget, ReplyKeyExpr};
 use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Session, Wait};
 use zenoh_ext::{AdvancedSubscriber, AdvancedSubscriberBuilderExt, HistoryConfig, RecoveryConfig};
@@ -32,9 +32,16 @@ pub struct Heard {
     pub at: Duration,
 }
 
+/// Events wait by themselves, to be put in order.
+#[derive(Clone, Copy, Debug)]
+enum Kind {
+    Sample,
+    Event,
+}
+
 #[derive(Debug, Default)]
 struct Queue {
-    heard: VecDeque<Heard>,
+    samples: VecDeque<Heard>,
     events: VecDeque<Heard>,
     lost: u64,
     interrupted: bool,
@@ -51,26 +58,18 @@ impl Shared {
         self.queue.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn push(&self, heard: Heard) {
+    fn push(&self, kind: Kind, heard: Heard) {
         let mut queue = self.lock();
-        if queue.heard.len() >= ROOM {
-            queue.heard.pop_front();
-            queue.lost += 1;
+        let Queue { samples, events, lost, .. } = &mut *queue;
+        let line = match kind {
+            Kind::Sample => samples,
+            Kind::Event => events,
+        };
+        if line.len() >= ROOM {
+            line.pop_front();
+            *lost += 1;
         }
-        queue.heard.push_back(heard);
-        drop(queue);
-        self.filled.notify_one();
-    }
-}
-
-impl Shared {
-    fn push_event(&self, heard: Heard) {
-        let mut queue = self.lock();
-        if queue.events.len() >= ROOM {
-            queue.events.pop_front();
-            queue.lost += 1;
-        }
-        queue.events.push_back(heard);
+        line.push_back(heard);
         drop(queue);
         self.filled.notify_one();
     }
@@ -125,9 +124,9 @@ impl Inbox {
         Interrupter(Arc::clone(&self.shared))
     }
 
-    fn callback(&self) -> impl Fn(Sample) + Send + Sync + 'static {
+    fn callback(&self, kind: Kind) -> impl Fn(Sample) + Send + Sync + 'static {
         let (shared, clock) = (Arc::clone(&self.shared), Arc::clone(&self.clock));
-        move |sample| shared.push(heard(&sample, clock.now()))
+        move |sample| shared.push(kind, heard(&sample, clock.now()))
     }
 
     /// Listens to `key`, which may have wildcards.
@@ -135,14 +134,9 @@ impl Inbox {
     /// # Errors
     /// When the session fails.
     pub fn listen(&mut self, session: &Session, key: &str) -> Result<(), LinkError> {
-        let subscriber = session.declare_subscriber(key.to_owned()).callback(self.callback()).wait();
+        let subscriber = session.declare_subscriber(key.to_owned()).callback(self.callback(Kind::Sample)).wait();
         self.subscribers.push(subscriber.map_err(LinkError::session(key))?);
         Ok(())
-    }
-
-    fn event_callback(&self) -> impl Fn(&Sample) + Send + Sync + 'static {
-        let (shared, clock) = (Arc::clone(&self.shared), Arc::clone(&self.clock));
-        move |sample| shared.push_event(heard(sample, clock.now()))
     }
 
     /// Listens to events: what happened before comes first, what the network loses is fetched, and the events of each
@@ -151,11 +145,10 @@ impl Inbox {
     /// # Errors
     /// When the session fails.
     pub fn listen_events(&mut self, session: &Session, key: &str) -> Result<(), LinkError> {
-        let taken = self.event_callback();
         self.session = Some(session.clone());
         let subscriber = session
             .declare_subscriber(key.to_owned())
-            .callback(move |sample| taken(&sample))
+            .callback(self.callback(Kind::Event))
             // Also of publishers that come later; with room for the whole cache, so that the recovery of a gap is never
             // mistaken for a shorter history.
             .history(HistoryConfig::default().detect_late_publishers().max_samples(crate::outbox::EVENT_CACHE))
@@ -171,8 +164,12 @@ impl Inbox {
     /// # Errors
     /// When the session fails.
     pub fn listen_alive(&mut self, session: &Session, key: &str) -> Result<(), LinkError> {
-        let subscriber =
-            session.liveliness().declare_subscriber(key.to_owned()).history(true).callback(self.callback()).wait();
+        let subscriber = session
+            .liveliness()
+            .declare_subscriber(key.to_owned())
+            .history(true)
+            .callback(self.callback(Kind::Sample))
+            .wait();
         self.subscribers.push(subscriber.map_err(LinkError::session(key))?);
         Ok(())
     }
@@ -190,7 +187,7 @@ impl Inbox {
             for event in queue.events.drain(..) {
                 order.push(event, now);
             }
-            if let Some(heard) = queue.heard.pop_front() {
+            if let Some(heard) = queue.samples.pop_front() {
                 return Some(heard);
             }
             drop(queue);
@@ -206,7 +203,7 @@ impl Inbox {
             }
             let until = [deadline, due].into_iter().flatten().min();
             let mut queue = self.shared.lock();
-            while queue.heard.is_empty() && queue.events.is_empty() && !queue.interrupted {
+            while queue.samples.is_empty() && queue.events.is_empty() && !queue.interrupted {
                 queue = match until.map(|until| until.saturating_sub(self.clock.now())) {
                     None => self.shared.filled.wait(queue).unwrap_or_else(PoisonError::into_inner),
                     Some(left) if left.is_zero() => break,
@@ -218,18 +215,49 @@ impl Inbox {
         }
     }
 
+    /// What has arrived and was not read, also after an interruption; waits for nothing.
+    #[must_use]
+    pub fn rest(&self) -> Vec<Heard> {
+        let mut order = self.order.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut queue = self.shared.lock();
+        let now = self.clock.now();
+        for event in queue.events.drain(..) {
+            order.push(event, now);
+        }
+        queue.samples.drain(..).chain(std::iter::from_fn(|| order.pop())).collect()
+    }
+
     /// Asks the service behind `key` for the events that it keeps.
     fn ask_for(&self, key: &str) {
-        let (Some(session), taken) = (&self.session, self.event_callback()) else { return };
+        if let Some(session) = &self.session {
+            self.ask(session, &format!("{key}/@adv/**"), Kind::Event);
+        }
+    }
+
+    /// Asks whoever publishes on `key` for the `newest` messages that it keeps, or for all of them; they arrive like
+    /// others, perhaps again.
+    pub fn recall(&self, session: &Session, key: &str, newest: Option<u64>) {
+        let only = newest.map_or_else(String::new, |count| format!("?_max={count}"));
+        self.ask(session, &format!("{key}/@adv/**{only}"), Kind::Sample);
+    }
+
+    /// Asks whoever answers on `key`, which may have wildcards; the answers arrive like samples.
+    pub fn inquire(&self, session: &Session, key: &str) {
+        self.ask(session, key, Kind::Sample);
+    }
+
+    fn ask(&self, session: &Session, key: &str, kind: Kind) {
+        let taken = self.callback(kind);
         // A question that fails is asked again, and in the end the gap stays visible in the numbers.
         let _ = session
-            .get(format!("{key}/@adv/**"))
+            .get(key)
+            .target(QueryTarget::All)
             .accept_replies(ReplyKeyExpr::Any)
             .consolidation(ConsolidationMode::None)
             .timeout(HISTORY)
             .callback(move |reply| {
                 if let Ok(sample) = reply.result() {
-                    taken(sample);
+                    taken(sample.clone());
                 }
             })
             .wait();
@@ -291,7 +319,7 @@ mod tests {
     fn a_slow_reader_loses_the_oldest_and_knows_how_many() {
         let inbox = Inbox::new(Arc::new(SystemClock::start()));
         for i in 0..ROOM + 3 {
-            inbox.shared.push(heard(i));
+            inbox.shared.push(Kind::Sample, heard(i));
         }
         assert_eq!(inbox.lost(), 3);
         assert_eq!(inbox.next(None), Some(heard(3)));
@@ -301,9 +329,10 @@ mod tests {
     fn waits_end_by_their_deadline_and_by_an_interruption() {
         let inbox = Inbox::new(Arc::new(SystemClock::start()));
         assert_eq!(inbox.next(Some(Duration::ZERO)), None);
-        inbox.shared.push(heard(0));
+        inbox.shared.push(Kind::Sample, heard(0));
         inbox.interrupter().interrupt();
         assert_eq!(inbox.next(None), None, "who was interrupted reads no more");
+        assert_eq!(inbox.rest(), [heard(0)], "but what is left");
     }
 
     #[test]

@@ -13,6 +13,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use zenoh::bytes::Encoding;
+use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Priority};
 use zenoh::{Session, Wait};
 
@@ -103,32 +104,10 @@ pub fn witness(
             .map_err(LinkError::session(format!("subscriber {key}")))?;
         subscribers.push(subscriber);
     }
-    let publisher = session
-        .declare_publisher(keys::witness(&options.name))
-        .encoding(Encoding::APPLICATION_JSON)
-        .congestion_control(CongestionControl::Drop)
-        .priority(Priority::InteractiveHigh)
-        .express(true)
-        .wait()
-        .map_err(LinkError::session("publisher of the witness"))?;
-    let mut fault = options.faults.map(|rates| Fault::new(rates, "witness"));
-    let mut say = |seen: &Seen| {
-        let copies = fault.as_mut().map_or(1, Fault::copies);
-        if let Ok(payload) = serde_json::to_vec(seen) {
-            for _ in 0..copies {
-                // What does not get through is repeated.
-                let _ = publisher.put(payload.clone()).wait();
-            }
-        }
-    };
-    let source = format!("{}-{}", options.name, options.instance);
+    let mut receipts = Receipts::open(session, "", &options.name, &options.instance, options.faults, clock.now())?;
     let mut slots: [Option<Vec<u8>>; 4] = [None, None, None, None];
     let mut next = 0;
-    let mut last: Option<Seen> = None;
-    let (mut heard_at, mut said_at) = (clock.now(), clock.now());
-    let mut repeat_after = FIRST;
-    let mut length = FIRST;
-    let mut lap_began = clock.now();
+    let mut heard_at = clock.now();
     loop {
         if stop.load(Ordering::Relaxed) {
             return Err(WitnessError::Interrupted);
@@ -157,19 +136,12 @@ pub fn witness(
             let lap: Lap<'_> = [read(0, plant)?, read(1, estimator)?, read(2, guidance)?, read(3, controller)?];
             let run = lap[0].run.clone().into_owned();
             let go_on = seen(next, &lap);
-            let report = Seen { run, source: source.clone(), tick: next, repeat: false };
             slots = [None, None, None, None];
-            next += 1;
             if !go_on {
                 return Ok(());
             }
-            say(&report);
-            let now = clock.now();
-            length = shortest(length, now.saturating_sub(lap_began));
-            lap_began = now;
-            repeat_after = (length * 4).clamp(LEAST, MOST);
-            said_at = now;
-            last = Some(Seen { repeat: true, ..report });
+            receipts.give(&run, next, clock.now());
+            next += 1;
             continue;
         }
         let now = clock.now();
@@ -182,14 +154,88 @@ pub fn witness(
             let (missing, waited_s) = (missing(&slots), silent.as_secs_f64());
             return Err(WitnessError::Silent { tick: next, missing, waited_s });
         }
-        if let Some(last) = &last
-            && now.saturating_sub(said_at) >= repeat_after
+        let due = receipts.repeat(now);
+        mailbox.wait(clock, Some(due));
+    }
+}
+
+/// Receipts for ticks: the ring does not go on without them. Each is repeated until the next one is due.
+pub struct Receipts {
+    publisher: Publisher<'static>,
+    fault: Option<Fault>,
+    source: String,
+    last: Option<Seen>,
+    said_at: Duration,
+    repeat_after: Duration,
+    /// Length of the shortest lap lately.
+    lap: Duration,
+    lap_began: Duration,
+}
+
+impl Receipts {
+    /// As `name`, which the plant was told, below `root`.
+    ///
+    /// # Errors
+    /// When the session fails.
+    pub fn open(
+        session: &Session,
+        root: &str,
+        name: &str,
+        instance: &str,
+        faults: Option<FaultRates>,
+        now: Duration,
+    ) -> Result<Self, LinkError> {
+        let publisher = session
+            .declare_publisher(format!("{root}{}", keys::witness(name)))
+            .encoding(Encoding::APPLICATION_JSON)
+            .congestion_control(CongestionControl::Drop)
+            .priority(Priority::InteractiveHigh)
+            .express(true)
+            .wait()
+            .map_err(LinkError::session("publisher of the witness"))?;
+        Ok(Self {
+            publisher,
+            fault: faults.map(|rates| Fault::new(rates, "witness")),
+            source: format!("{name}-{instance}"),
+            last: None,
+            said_at: now,
+            repeat_after: FIRST,
+            lap: FIRST,
+            lap_began: now,
+        })
+    }
+
+    /// Everything of `tick` has been seen.
+    pub fn give(&mut self, run: &str, tick: u64, now: Duration) {
+        let seen = Seen { run: run.to_owned(), source: self.source.clone(), tick, repeat: false };
+        self.say(&seen);
+        self.lap = shortest(self.lap, now.saturating_sub(self.lap_began));
+        (self.lap_began, self.said_at) = (now, now);
+        self.repeat_after = (self.lap * 4).clamp(LEAST, MOST);
+        self.last = Some(Seen { repeat: true, ..seen });
+    }
+
+    /// Gives the last one again if it is time; when to look next.
+    pub fn repeat(&mut self, now: Duration) -> Duration {
+        if now.saturating_sub(self.said_at) >= self.repeat_after
+            && let Some(last) = self.last.take()
         {
-            say(last);
-            said_at = now;
-            repeat_after = (repeat_after * 2).min(MOST);
+            self.say(&last);
+            self.last = Some(last);
+            self.said_at = now;
+            self.repeat_after = (self.repeat_after * 2).min(MOST);
         }
-        mailbox.wait(clock, Some(said_at.max(now) + repeat_after));
+        self.said_at.max(now) + self.repeat_after
+    }
+
+    fn say(&mut self, seen: &Seen) {
+        let copies = self.fault.as_mut().map_or(1, Fault::copies);
+        if let Ok(payload) = serde_json::to_vec(seen) {
+            for _ in 0..copies {
+                // What does not get through is repeated.
+                let _ = self.publisher.put(payload.clone()).wait();
+            }
+        }
     }
 }
 

@@ -120,6 +120,8 @@ impl<B: Wired + 'static> Host<B> {
             self.note(Severity::Warning, format!("{discarded} commands that waited are discarded with the old run"));
         }
         self.watch = Watch::new(&self.block);
+        self.steps_of_run = 0;
+        self.untold.clear();
         self.desk = Desk::new(&self.options.mission);
         self.next = tick;
         run.clone_into(&mut self.run);
@@ -227,7 +229,10 @@ impl<B: Wired + 'static> Host<B> {
             }
             Err(why) => {
                 self.streams[i].refused += 1;
-                self.refused(&format!("setpoint/{}: {why}", STREAMS[i]));
+                let sample =
+                    (payload.len() <= MAX_REQUEST).then(|| serde_json::from_slice::<StreamedSetpoint>(payload).ok());
+                let by = sample.flatten().map_or_else(String::new, |sample| format!(" by {}", sample.client));
+                self.refused(&format!("setpoint/{}{by}: {why}", STREAMS[i]));
             }
         }
     }

@@ -7,6 +7,7 @@ use crate::keys;
 use crate::ledger::Counts;
 use crate::mailbox::Overflow;
 use crate::outbox::Letter;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -100,7 +101,7 @@ impl<B: Wired + 'static> Host<B> {
 }
 
 /// One input of a service, in its health message.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct InputHealth {
     /// Who writes it.
     pub source: String,
@@ -119,7 +120,7 @@ pub struct InputHealth {
 }
 
 /// A service's counters, once a second.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Health {
     /// The run.
     pub run: String,

@@ -11,7 +11,7 @@ mod say;
 mod step;
 
 pub use health::{Health, InputHealth};
-pub use protocol::{STREAMS, Seen, Stop, StreamedSetpoint};
+pub use protocol::{Applied, Pong, STREAMS, Seen, Stop, StreamedSetpoint};
 pub use rejoin::Now;
 
 use crate::authority::{Authority, LeaseView};
@@ -23,6 +23,7 @@ use crate::ledger::Ledger;
 use crate::mailbox::{Mailbox, Overflow};
 use crate::outbox::{Letter, Outbox};
 use crate::session::LinkError;
+use crate::telemetry::{AppliedBefore, Shelf, Used};
 use beat::REPEAT_FIRST;
 use ports::{AsideKeys, Keys};
 use serde::Serialize;
@@ -30,7 +31,7 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::Duration;
 use supertwin_core::digest::DigestProbe;
-use supertwin_core::run::Severity;
+use supertwin_core::run::{Properties, Severity};
 use supertwin_core::{Message, OperatorLink, Tick, Watch, Wired};
 use zenoh::bytes::{Encoding, ZBytes};
 use zenoh::pubsub::{Publisher, Subscriber};
@@ -38,6 +39,9 @@ use zenoh::qos::{CongestionControl, Priority};
 use zenoh::query::{Query, Queryable};
 use zenoh::sample::SampleKind;
 use zenoh::{Session, Wait};
+
+/// Telemetry that a recorder can ask for after it was cut off: ten seconds at 50 Hz.
+const TELEMETRY_CACHE: usize = 500;
 
 /// How ticks follow each other.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -63,6 +67,8 @@ pub struct HostOptions<C> {
     pub ticks: Option<u64>,
     /// Telemetry at every n-th tick; 0 for none.
     pub telemetry_every: u64,
+    /// Where its configuration comes from, for recordings: everything that is needed to repeat the run.
+    pub about: Properties,
     /// Timed commands.
     pub mission: Vec<(u64, C)>,
     /// Ticks from a request to when it applies.
@@ -227,6 +233,9 @@ pub struct Host<B: Wired> {
     beat: Beat,
     output: Option<(u64, B::Out, u64)>,
     telemetry: Option<Vec<u8>>,
+    telemetry_seq: u64,
+    shelf: Shelf,
+    used: Used,
     seq: u64,
     event_seq: u64,
     sent_at: Duration,
@@ -242,6 +251,10 @@ pub struct Host<B: Wired> {
     operator_was: OperatorLink,
     streams: [Stream; STREAMS.len()],
     steps: StepCounts,
+    /// Steps of the block since it was as built, in this run.
+    steps_of_run: u64,
+    /// Commands that applied and that no telemetry has told yet.
+    untold: Vec<AppliedBefore>,
     refused_reported: (Duration, u64),
     overflow: Overflow,
     step_us: Recent,
@@ -285,7 +298,9 @@ impl<B: Wired + 'static> Host<B> {
         block.asides(&mut asides);
         let mut droppable = vec![keys::telemetry(B::NAME)];
         droppable.extend(asides.0.iter().cloned());
-        let outbox = Outbox::open(session, B::NAME, &droppable)?;
+        // In lock step nothing is lost that could be asked for again; a cache would only cost time.
+        let cache = if options.pace == Pace::LockStep { 0 } else { TELEMETRY_CACHE };
+        let outbox = Outbox::open(session, "", B::NAME, &droppable, cache)?;
         let publisher = wire_publisher(session, B::Out::KEY)?;
         let stop_publisher = wire_publisher(session, &keys::stop(B::NAME))?;
 
@@ -373,6 +388,9 @@ impl<B: Wired + 'static> Host<B> {
             beat: Beat::default(),
             output: None,
             telemetry: None,
+            telemetry_seq: 0,
+            shelf: Shelf::default(),
+            used: Used::default(),
             seq: 0,
             event_seq: 0,
             sent_at: now,
@@ -391,6 +409,8 @@ impl<B: Wired + 'static> Host<B> {
             operator_was: OperatorLink::Present,
             streams: Default::default(),
             steps: StepCounts::default(),
+            steps_of_run: 0,
+            untold: Vec::new(),
             refused_reported: (now, 0),
             overflow: Overflow::default(),
             step_us: Recent::default(),
@@ -423,6 +443,7 @@ impl<B: Wired + 'static> Host<B> {
             host.tell_state(keys::LEASE_STATE.to_owned(), &state);
         }
         host.tell_parameters();
+        host.tell_state("run".to_owned(), &host.options.about);
         Ok(host)
     }
 

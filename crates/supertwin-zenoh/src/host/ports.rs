@@ -4,6 +4,7 @@ use super::Wire;
 use crate::envelope::{Envelope, Rejected, decode, encode};
 use crate::ledger::{Ledger, Verdict};
 use crate::outbox::Outbox;
+use crate::telemetry::Used;
 use std::time::Duration;
 use supertwin_core::port::{MessageVisitor, Offered, PortVisitor};
 use supertwin_core::{Message, Port, PortRule};
@@ -139,7 +140,7 @@ pub(super) struct Readiness<'a> {
     pub(super) k: u64,
     pub(super) ready: bool,
     pub(super) at: usize,
-    pub(super) used: &'a mut Vec<(&'static str, u64)>,
+    pub(super) used: &'a mut Used,
     pub(super) ages: &'a mut [Wire],
 }
 
@@ -147,7 +148,7 @@ impl PortVisitor for Readiness<'_> {
     fn port<M: Message>(&mut self, port: &mut Port<M>) {
         self.ready &= port.ready(self.k);
         if let Some(made_at) = port.made_at() {
-            self.used.push((M::KEY, made_at));
+            self.used.push(M::KEY, port.used());
             let age = port.expected(self.k).map_or(0, |expected| expected.saturating_sub(made_at));
             if let Some(wire) = self.ages.get_mut(self.at) {
                 wire.age_max = wire.age_max.max(age);

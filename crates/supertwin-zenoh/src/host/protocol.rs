@@ -1,9 +1,11 @@
 //! Payloads of the keys that are no message of a block.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
 /// What ends a lock-step run for everybody.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Stop {
     /// Which run.
@@ -19,7 +21,7 @@ pub struct Stop {
 }
 
 /// A witness has seen a tick.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Seen {
     /// Which run.
@@ -34,7 +36,7 @@ pub struct Seen {
 }
 
 /// A streaming set-point.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct StreamedSetpoint {
     /// Who sends.
@@ -46,6 +48,26 @@ pub struct StreamedSetpoint {
     /// The value; absent when the stream ends and the last value stays.
     #[serde(default)]
     pub value: Option<f64>,
+}
+
+/// The last accepted command of a name, at `state/<service>/<name>`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Applied {
+    /// What was set.
+    pub value: Value,
+    /// Since when.
+    pub applied_tick: u64,
+    /// Who asked for it: `client seq 7`; null for the mission.
+    pub by: Option<String>,
+}
+
+/// The answer of `clock/ping`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Pong {
+    /// The service's clock when it was asked, nanoseconds since 1970.
+    pub received_ns: u64,
 }
 
 /// Names of the set-points that may be streamed.

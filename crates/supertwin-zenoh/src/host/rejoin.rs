@@ -5,6 +5,7 @@ use super::ports::{Deliver, Delivered, Keys};
 use crate::keys;
 use crate::ledger::Ledger;
 use crate::session::LinkError;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 use supertwin_core::Wired;
@@ -94,7 +95,7 @@ impl<B: Wired + 'static> Host<B> {
 }
 
 /// Which run and tick it is, for a service that starts anew.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Now {
     /// The run.

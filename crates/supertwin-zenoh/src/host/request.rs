@@ -2,6 +2,7 @@
 
 use super::Host;
 use super::ports::Keys;
+use super::protocol::Pong;
 use super::rejoin::Now;
 use crate::authority::{Authority, LeaseAction, LeaseReply, LeaseRequest};
 use crate::desk::{Answer, MAX_REQUEST, Moment, Request};
@@ -18,12 +19,16 @@ impl<B: Wired + 'static> Host<B> {
         let payload = query.payload().map(|payload| payload.to_bytes().into_owned()).unwrap_or_default();
         let mut parts = key.splitn(3, '/');
         let (kind, _, name) = (parts.next().unwrap_or(""), parts.next(), parts.next().unwrap_or(""));
+        let from = sender(&query);
         let answer = match kind {
-            "command" => self.command(name, &payload),
+            "command" => self.command(name, &payload, &from),
             "param" if payload.is_empty() => self.parameter(&name.replace('/', ".")),
-            "param" => self.set_parameter(&name.replace('/', "."), &payload),
-            "authority" => self.authority(&payload),
-            "clock" => Ok(json!({ "received_ns": self.clock.unix_ns() })),
+            "param" => self.set_parameter(&name.replace('/', "."), &payload, &from),
+            "authority" => self.authority(&payload, &from),
+            "clock" => {
+                let pong = Pong { received_ns: self.clock.unix_ns() };
+                serde_json::to_value(pong).map_err(|error| json!(error.to_string()))
+            }
             "state" if name == "now" => {
                 let now = Now { run: self.run.clone(), source: self.source.clone(), next: self.next };
                 serde_json::to_value(now).map_err(|error| json!(error.to_string()))
@@ -57,7 +62,7 @@ impl<B: Wired + 'static> Host<B> {
         Moment { now: self.clock.now(), next: self.next, tick_s: self.options.tick_s, lead: self.options.lead_ticks }
     }
 
-    pub(super) fn command(&mut self, name: &str, payload: &[u8]) -> Result<Value, Value> {
+    pub(super) fn command(&mut self, name: &str, payload: &[u8], from: &str) -> Result<Value, Value> {
         let moment = self.moment();
         let tick = self.tick(self.next);
         let (block, lease) = (&self.block, self.authority.as_ref().map_or(&self.lease, Authority::view));
@@ -69,25 +74,25 @@ impl<B: Wired + 'static> Host<B> {
             Answer::Scheduled { apply_tick, .. } => {
                 if after.scheduled > before.scheduled {
                     let who = said(payload);
-                    self.note(Severity::Info, format!("command scheduled for tick {apply_tick}: {name} {who}"));
+                    self.note(Severity::Info, format!("command scheduled for tick {apply_tick}: {name} {who}{from}"));
                 }
                 Ok(value)
             }
             Answer::Refused { reason, .. } => {
-                self.refused(&format!("command {name} {}: {reason}", said(payload)));
+                self.refused(&format!("command {name} {}{from}: {reason}", said(payload)));
                 Err(value)
             }
         }
     }
 
-    pub(super) fn set_parameter(&mut self, path: &str, payload: &[u8]) -> Result<Value, Value> {
+    pub(super) fn set_parameter(&mut self, path: &str, payload: &[u8], from: &str) -> Result<Value, Value> {
         let request = (payload.len() <= MAX_REQUEST).then(|| serde_json::from_slice::<Request>(payload).ok()).flatten();
         let inner = request.map(|mut request| {
             request.value = json!({ "path": path, "value": request.value });
             serde_json::to_vec(&request).unwrap_or_default()
         });
         // What is no request is refused by the desk, in its own words.
-        self.command("parameter", &inner.unwrap_or_else(|| payload.to_vec()))
+        self.command("parameter", &inner.unwrap_or_else(|| payload.to_vec()), from)
     }
 
     pub(super) fn parameter(&self, path: &str) -> Result<Value, Value> {
@@ -105,7 +110,7 @@ impl<B: Wired + 'static> Host<B> {
         Ok(place.clone())
     }
 
-    pub(super) fn authority(&mut self, payload: &[u8]) -> Result<Value, Value> {
+    pub(super) fn authority(&mut self, payload: &[u8], from: &str) -> Result<Value, Value> {
         let now = self.clock.now();
         let Some(authority) = &mut self.authority else {
             return Err(json!({ "reason": "this service does not keep the authority" }));
@@ -119,7 +124,7 @@ impl<B: Wired + 'static> Host<B> {
             Ok(request) => request,
             Err(error) => {
                 let reason = format!("authority/lease: {error}");
-                self.refused(&reason);
+                self.refused(&format!("{reason}{from}"));
                 return Err(json!({ "reason": reason }));
             }
         };
@@ -130,23 +135,30 @@ impl<B: Wired + 'static> Host<B> {
             // Before the answer and with a higher priority: who is granted may command at once.
             self.tell_state(keys::LEASE_STATE.to_owned(), &state);
         }
-        self.lease_event(&request, &reply);
+        self.lease_event(&request, &reply, from);
         let value = serde_json::to_value(&reply).unwrap_or(Value::Null);
         if reply.reason.is_some() { Err(value) } else { Ok(value) }
     }
 
-    pub(super) fn lease_event(&mut self, request: &LeaseRequest, reply: &LeaseReply) {
+    pub(super) fn lease_event(&mut self, request: &LeaseRequest, reply: &LeaseReply, from: &str) {
         match (request.action, &reply.reason) {
             (LeaseAction::Acquire, None) if reply.token.is_some() => {
-                self.note(Severity::Info, format!("{} has the authority for {} s", request.client, request.for_s));
+                let (client, for_s) = (&request.client, request.for_s);
+                self.note(Severity::Info, format!("{client} has the authority for {for_s} s{from}"));
             }
             (LeaseAction::Release, None) => {
-                self.note(Severity::Info, format!("{} gives the authority back", request.client));
+                self.note(Severity::Info, format!("{} gives the authority back{from}", request.client));
             }
-            (_, Some(reason)) => self.refused(&format!("authority for {:?}: {reason}", request.client)),
+            (_, Some(reason)) => self.refused(&format!("authority for {:?}{from}: {reason}", request.client)),
             _ => {}
         }
     }
+}
+
+/// Which session a request names as its own, if it does. Only a router knows whose it really is: its log ties sessions to
+/// certificates.
+fn sender(query: &Query) -> String {
+    query.source_info().map_or_else(String::new, |info| format!(" from session {}", info.source_id().zid()))
 }
 
 fn said(payload: &[u8]) -> String {

@@ -1,18 +1,22 @@
 //! One step of the block with all that belongs to it: commands before, events, output and telemetry after.
 
+use super::Applied;
 use super::Host;
 use super::ports::{AsideWriter, Readiness, Stepped, with};
 use crate::envelope::encode;
 use crate::fault::Fault;
-use crate::telemetry::Shown;
-use serde_json::{Value, json};
+use crate::telemetry::{AppliedBefore, Shown, Used};
+use serde_json::Value;
 use std::borrow::Cow;
 use supertwin_core::digest::block_digest;
 use supertwin_core::observe::Snapshot;
 use supertwin_core::run::Severity;
-use supertwin_core::{Event, OperatorLink, Wired};
+use supertwin_core::{Event, Observe, OperatorLink, Wired};
 use zenoh::Wait;
 use zenoh::bytes::ZBytes;
+
+/// Commands that wait for telemetry; more of them belong to no recording that could be repeated.
+const MAX_UNTOLD: usize = 4096;
 
 impl<B: Wired + 'static> Host<B> {
     pub(super) fn operator(&mut self) -> OperatorLink {
@@ -52,7 +56,7 @@ impl<B: Wired + 'static> Host<B> {
                         self.tell_parameters();
                     }
                     let value = text.get(&waiting.name).unwrap_or(&text).clone();
-                    self.tell_state(waiting.name, &json!({ "value": value, "applied_tick": k, "by": waiting.by }));
+                    self.tell_state(waiting.name, &Applied { value, applied_tick: k, by: waiting.by });
                     applied.push(text);
                     (Severity::Info, format!("command applied: {said}"))
                 }
@@ -72,20 +76,25 @@ impl<B: Wired + 'static> Host<B> {
         let commands = self.apply(k);
         let operator = self.operator();
         let tick = self.tick(k);
-        let mut used = Vec::with_capacity(4);
+        let mut used = core::mem::take(&mut self.used);
+        used.clear();
         let mut readiness = Readiness { k, ready: true, at: 0, used: &mut used, ages: &mut self.wires };
         B::visit(&mut self.ports, &mut readiness);
         let out = self.block.step(tick, B::input(&self.ports, tick, operator));
         B::visit(&mut self.ports, &mut Stepped);
         self.next = k + 1;
         self.steps.steps += 1;
+        self.steps_of_run += 1;
+        if self.options.telemetry_every > 0 {
+            self.untold.extend(commands.into_iter().map(|command| AppliedBefore { tick: k, command }));
+            let over = self.untold.len().saturating_sub(MAX_UNTOLD);
+            self.untold.drain(..over);
+        }
         let digest = block_digest(&mut self.probe, &self.block, &out);
-        if !self.probe.take_finite() {
+        if !self.probe.take_finite()
+            && let Some(path) = not_finite(&self.block, &out)
+        {
             self.steps.not_finite += 1;
-            let mut shown = Snapshot::of(&self.block);
-            let of_output = Snapshot::of(&out);
-            shown.vectors.extend(of_output.vectors);
-            let path = shown.first_non_finite().map_or("a quantity", |signal| signal.path);
             let text = format!("tick {k}: {path} is NaN or infinite; not sent");
             if self.lock_step() {
                 self.fail(text);
@@ -106,8 +115,9 @@ impl<B: Wired + 'static> Host<B> {
             self.seq += 1;
             self.output = Some((k, out, digest));
             self.send_output(false);
-            self.send_telemetry(k, digest, &used, &commands);
+            self.send_telemetry(k, digest, &used, operator);
         }
+        self.used = used;
         self.step_us.add(self.clock.now().saturating_sub(began));
     }
 
@@ -131,13 +141,25 @@ impl<B: Wired + 'static> Host<B> {
         self.sent_at = self.clock.now();
     }
 
-    pub(super) fn send_telemetry(&mut self, k: u64, digest: u64, used: &[(&'static str, u64)], commands: &[Value]) {
+    fn send_telemetry(&mut self, k: u64, digest: u64, used: &Used, operator: OperatorLink) {
         let every = self.options.telemetry_every;
         if every == 0 || !k.is_multiple_of(every) {
             return;
         }
         let Some((_, out, _)) = &self.output else { return };
-        let mut envelope = with(&self.header(k, self.seq), Shown::<B> { used, commands, signals: (&self.block, out) });
+        if self.shelf.look(&self.block, out) {
+            self.tell_state("signals".to_owned(), &self.shelf.descriptions());
+        }
+        self.telemetry_seq += 1;
+        let operator_lost = operator == OperatorLink::Lost;
+        let untold = core::mem::take(&mut self.untold);
+        // They are in the order of their ticks.
+        let (earlier, now) = untold.split_at(untold.partition_point(|applied| applied.tick < k));
+        let commands: Vec<Value> = now.iter().map(|applied| applied.command.clone()).collect();
+        let steps = self.steps_of_run;
+        let shown =
+            Shown::<B> { used, steps, operator_lost, commands: &commands, earlier, signals: (&self.block, out) };
+        let mut envelope = with(&self.header(k, self.telemetry_seq), shown);
         envelope.digest = Some(Cow::Owned(format!("{digest:016x}")));
         let mut payload = Vec::with_capacity(4096);
         if encode(&envelope, &mut payload).is_err() {
@@ -145,7 +167,7 @@ impl<B: Wired + 'static> Host<B> {
             return;
         }
         if !self.asides.is_empty() {
-            let mut writer = AsideWriter { envelope: self.header(k, self.seq), outbox: &self.outbox, at: 0 };
+            let mut writer = AsideWriter { envelope: self.header(k, self.telemetry_seq), outbox: &self.outbox, at: 0 };
             self.block.asides(&mut writer);
         }
         let copies = self.fault.as_mut().map_or(1, Fault::copies);
@@ -164,4 +186,10 @@ impl<B: Wired + 'static> Host<B> {
             }
         }
     }
+}
+
+/// The first quantity of a step that is no number.
+fn not_finite(block: &impl Observe, out: &impl Observe) -> Option<&'static str> {
+    let first = |shown: Snapshot| shown.first_non_finite().map(|signal| signal.path);
+    first(Snapshot::of(block)).or_else(|| first(Snapshot::of(out)))
 }

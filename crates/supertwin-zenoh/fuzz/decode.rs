@@ -1,22 +1,11 @@
 //! Whatever bytes arrive on a wire: either no message, or one that comes back bit for bit when it is written again.
-//!
-//! ```text
-//! rustup toolchain install nightly; cargo install cargo-fuzz
-//! cd crates/supertwin-zenoh && cargo +nightly fuzz run decode -- -max_total_time=300
-//! ```
-#![no_main]
-#![allow(dead_code, reason = "the modules under test have more than is tested here")]
 
-#[path = "../../src/envelope.rs"]
-mod envelope;
-
-use envelope::{Envelope, MAX_PAYLOAD, decode, encode};
-use libfuzzer_sys::fuzz_target;
+use crate::envelope::{Envelope, MAX_PAYLOAD, decode, encode};
 use supertwin_core::Event;
 use supertwin_core::message::{Measurements, Message, Nav, Reference, Thrust, Truth, WrenchRequest};
 
 /// What was read can be written, and reads the same again; every number is finite.
-fn check<M: serde::Serialize + serde::de::DeserializeOwned>(payload: &[u8]) -> Option<M> {
+fn same<M: serde::Serialize + serde::de::DeserializeOwned>(payload: &[u8]) -> Option<M> {
     let envelope: Envelope<'_, M> = decode(payload).ok()?;
     let mut once = Vec::new();
     encode(&envelope, &mut once).expect("what was read can be written");
@@ -35,17 +24,18 @@ fn check<M: serde::Serialize + serde::de::DeserializeOwned>(payload: &[u8]) -> O
 }
 
 fn message<M: Message>(payload: &[u8]) {
-    if let Some(data) = check::<M>(payload) {
+    if let Some(data) = same::<M>(payload) {
         assert!(data.is_finite(), "a number that is none came through");
     }
 }
 
-fuzz_target!(|payload: &[u8]| {
+/// One payload.
+pub(crate) fn check(payload: &[u8]) {
     message::<Measurements>(payload);
     message::<Truth>(payload);
     message::<Nav>(payload);
     message::<Reference>(payload);
     message::<Thrust>(payload);
     message::<WrenchRequest>(payload);
-    check::<Event>(payload);
-});
+    same::<Event>(payload);
+}
