@@ -36,11 +36,11 @@ fn values(k: u64, signal: usize) -> [f64; 4] {
 }
 
 fn compressed(path: &Path) {
-    ours(path, Options { batch_ticks: BATCH, overwrite: true, compress: true });
+    ours(path, Options { batch_ticks: BATCH, overwrite: true, compress: true, ..Options::default() });
 }
 
 fn uncompressed(path: &Path) {
-    ours(path, Options { batch_ticks: BATCH, overwrite: true, compress: false });
+    ours(path, Options { batch_ticks: BATCH, overwrite: true, compress: false, ..Options::default() });
 }
 
 fn ours(path: &Path, options: Options) {

@@ -17,11 +17,22 @@ pub(crate) type Problem = String;
 pub(crate) struct Times {
     ticks: ScalarBuffer<i64>,
     nanos: ScalarBuffer<i64>,
+    /// Clock of the sender and of the recorder, nanoseconds since 1970; a run in one process has none.
+    clocks: Option<[ScalarBuffer<i64>; 2]>,
 }
 
 impl Times {
     pub(crate) fn new(ticks: Vec<i64>, nanos: Vec<i64>) -> Self {
-        Self { ticks: ticks.into(), nanos: nanos.into() }
+        Self { ticks: ticks.into(), nanos: nanos.into(), clocks: None }
+    }
+
+    /// The same, with the clocks of each row; none at all leaves them out.
+    pub(crate) fn with_clocks(mut self, clocks: &[Clocks]) -> Self {
+        if clocks.len() == self.len() && !clocks.is_empty() {
+            let pick = |of: fn(&Clocks) -> i64| clocks.iter().map(of).collect::<Vec<_>>().into();
+            self.clocks = Some([pick(|clocks| clocks.sender_ns), pick(|clocks| clocks.recorder_ns)]);
+        }
+        self
     }
 
     pub(crate) fn len(&self) -> usize {
@@ -32,11 +43,39 @@ impl Times {
         &self.ticks
     }
 
+    pub(crate) fn nanos(&self) -> &[i64] {
+        &self.nanos
+    }
+
     /// The times of some rows only.
     pub(crate) fn select(&self, rows: &[u32]) -> Self {
-        let pick = |all: &[i64]| rows.iter().map(|&row| all[row as usize]).collect::<Vec<_>>();
-        Self::new(pick(&self.ticks), pick(&self.nanos))
+        let pick = |all: &[i64]| ScalarBuffer::from(rows.iter().map(|&row| all[row as usize]).collect::<Vec<_>>());
+        Self {
+            ticks: pick(&self.ticks),
+            nanos: pick(&self.nanos),
+            clocks: self.clocks.as_ref().map(|clocks| clocks.each_ref().map(|clock| pick(clock))),
+        }
     }
+
+    /// One column per timeline.
+    fn columns(self) -> impl Iterator<Item = TimeColumn> {
+        let clock = |name, values| TimeColumn::new(None, Timeline::new_timestamp(name), values);
+        let nanos = TimeColumn::new(None, Timeline::new_duration(crate::TIME), self.nanos);
+        let ticks = TimeColumn::new(None, Timeline::new_sequence(crate::TICK), self.ticks);
+        let clocks = self.clocks.into_iter().flat_map(move |[sender, recorder]| {
+            [clock(crate::SENDER_CLOCK, sender), clock(crate::RECORDER_CLOCK, recorder)]
+        });
+        [nanos, ticks].into_iter().chain(clocks)
+    }
+}
+
+/// Wall clocks of something that came over a network, nanoseconds since 1970.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Clocks {
+    /// Of who sent it.
+    pub sender_ns: i64,
+    /// Of who recorded it, at its arrival.
+    pub recorder_ns: i64,
 }
 
 /// One signal's share of a batch.
@@ -67,9 +106,7 @@ pub(crate) fn columns(
     let id = ChunkId::new();
     let first = RowId::from_tuid(*id).next();
     let rows: Vec<_> = (0..times.len() as u64).map(|row| first.incremented_by(row)).collect();
-    let nanos = TimeColumn::new(None, Timeline::new_duration(crate::TIME), times.nanos);
-    let ticks = TimeColumn::new(None, Timeline::new_sequence(crate::TICK), times.ticks);
-    let timelines = [nanos, ticks].into_iter().map(|column| (*column.timeline().name(), column)).collect();
+    let timelines = times.columns().map(|column| (*column.timeline().name(), column)).collect();
     let components = components.into_iter().map(|column| (column.descriptor, column.list_array)).collect();
     Chunk::from_native_row_ids(id, entity, Some(true), &rows, timelines, components).map_err(text)
 }

@@ -1,20 +1,24 @@
 //! A recording back as numbers.
 //!
-//! A file without a footer, or one that ends in the middle of a message, is read up to there: that is what a killed
-//! process and a full disk leave behind.
+//! Whatever can be read is read: a file that a killed process or a full disk left behind up to its end, a damaged one
+//! around the damage. What is missing is named in [`Recording::damage`].
 
-use crate::{TICK, TIME};
-use rerun::external::arrow::array::{Array, ArrayRef, Float64Array, StringArray, UInt64Array};
-use rerun::external::re_log_encoding::{Decodable, DecoderApp, StreamFooter};
-use rerun::log::{Chunk, LogMsg};
-use rerun::{ComponentIdentifier, StoreKind};
+use crate::frames::{Foreign, Frames, Piece, quietly};
+use crate::{APPLICATION, COMPARISON, TICK, TIME};
+use rerun::external::arrow::array::{Array, ArrayRef, Float64Array, ListArray, StringArray, UInt64Array};
+use rerun::log::Chunk;
+use rerun::{ComponentIdentifier, StoreId, StoreKind};
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{self, BufReader, Read, Seek, SeekFrom};
-use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::io;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
-use supertwin_core::run::{Properties, Severity};
-use supertwin_core::{Event, Property};
+use supertwin_core::run::{FORMAT, Properties, Severity};
+pub use supertwin_core::source::{Columns, Label, WireMessage};
+use supertwin_core::{Event, Property, RunSource};
+
+/// Component of `wire/<key>` that holds the bytes of a message.
+pub const BYTES: &str = "bytes";
 
 /// What was recorded.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -29,36 +33,43 @@ pub struct Recording {
     pub labels: BTreeMap<String, Vec<Label>>,
     /// What happened, in order of time.
     pub events: Vec<Event>,
-    /// How many rows every entity has, drawings included.
+    /// Commands that applied, as JSON, by service: `command/<service>`.
+    pub commands: BTreeMap<String, Vec<Label>>,
+    /// Messages of wires by key: `wire/<key>`.
+    pub wires: BTreeMap<String, Vec<WireMessage>>,
+    /// Words by path: the account of each step at `step/<service>`, states at `state/<service>/<name>`.
+    pub words: BTreeMap<String, Vec<Label>>,
+    /// How many rows every entity has, drawings included; of those that were read.
     pub rows: BTreeMap<String, usize>,
     /// The file was closed properly and nothing is missing.
     pub complete: bool,
+    /// What is missing, in the order of the file.
+    pub damage: Vec<Damage>,
+    /// Files that it consists of.
+    pub parts: usize,
 }
 
-/// Values of one signal, in order of time.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Columns {
-    /// Names of the curves.
-    pub names: Vec<String>,
-    /// Tick of every row.
-    pub tick: Vec<i64>,
-    /// Time of every row in nanoseconds.
-    pub time_ns: Vec<i64>,
-    /// Values per row.
-    pub width: usize,
-    /// Row by row.
-    pub values: Vec<f64>,
-}
-
-/// A label took a new value.
+/// Something in a file that is missing or can't be read.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Label {
-    /// At this tick.
-    pub tick: i64,
-    /// At this time in nanoseconds.
-    pub time_ns: i64,
-    /// This one.
-    pub value: String,
+pub struct Damage {
+    /// The file.
+    pub path: PathBuf,
+    /// Where in the file.
+    pub from: u64,
+    /// Over how many bytes; 0 when it is known that something is missing and not how much.
+    pub bytes: u64,
+    /// What is wrong.
+    pub problem: String,
+}
+
+impl std::fmt::Display for Damage {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}: byte {}", self.path.display(), self.from)?;
+        if self.bytes > 0 {
+            write!(f, ", {} bytes", self.bytes)?;
+        }
+        write!(f, ": {}", self.problem)
+    }
 }
 
 /// A recording can't be read.
@@ -72,58 +83,137 @@ pub enum ReadError {
         /// What the system says.
         error: io::Error,
     },
-    /// The file can be read, but does not contain a run.
-    #[error("{}: {entity}: {problem}", path.display())]
-    Content {
+    /// There is not even the beginning of a recording.
+    #[error("{}: the file is empty, or ends before a recording begins", path.display())]
+    Empty {
         /// The file.
         path: PathBuf,
-        /// Where.
-        entity: String,
-        /// What is wrong there.
+    },
+    /// The file is something else.
+    #[error("{}: not a recording: {problem}", path.display())]
+    Foreign {
+        /// The file.
+        path: PathBuf,
+        /// What there is instead.
         problem: String,
+    },
+    /// A recording of another program.
+    #[error("{}: a recording of {application:?}, must be one of {APPLICATION:?}", path.display())]
+    Application {
+        /// The file.
+        path: PathBuf,
+        /// Whose it is.
+        application: String,
+    },
+    /// Several runs side by side.
+    #[error("{}: a comparison, not a recording of a run; open it with `rerun {}`", path.display(), path.display())]
+    Comparison {
+        /// The file.
+        path: PathBuf,
+    },
+    /// Written by a later version of this program.
+    #[error("{}: format = {format}: must be at most {FORMAT}; a newer supertwin wrote this", path.display())]
+    Newer {
+        /// The file.
+        path: PathBuf,
+        /// Its format.
+        format: u64,
     },
 }
 
-/// Reads the recording at `path`, as much of it as there is.
+/// Reads the recording at `path`, as much of it as there is, with the further parts that lie beside it.
 ///
 /// # Errors
-/// When the file can't be read, or when it contains something that is not a run.
+/// When the file can't be read, or is no recording of this program.
 pub fn read(path: &Path) -> Result<Recording, ReadError> {
-    let failed = |error| ReadError::File { path: path.to_owned(), error };
-    let file = File::open(path).map_err(failed)?;
-    let mut recording = Recording { complete: is_closed(path).map_err(failed)?, ..Default::default() };
-    let mut messages = DecoderApp::decode_lazy(BufReader::new(file));
-    loop {
-        // Arrow panics on a damaged schema. The decoder is not used again after that.
-        let next = catch_unwind(AssertUnwindSafe(|| messages.next()));
-        let (store, message) = match next {
-            Ok(None) => break,
-            Ok(Some(Ok(LogMsg::ArrowMsg(store, message)))) => (store, message),
-            Ok(Some(Ok(_))) => continue,
-            // The tail is missing or damaged; what came before is good.
-            Ok(Some(Err(_))) | Err(_) => {
-                recording.complete = false;
-                break;
-            }
-        };
-        if store.kind() != StoreKind::Recording {
-            continue;
-        }
-        let Ok(chunk) = Chunk::from_arrow_msg(&message) else {
-            recording.complete = false;
-            break;
-        };
-        let entity = chunk.entity_path().to_string();
-        recording.add(entity.trim_start_matches('/'), &chunk).map_err(|problem| ReadError::Content {
-            path: path.to_owned(),
-            entity,
-            problem,
-        })?;
+    read_parts(&parts(path)?, &|_| true)
+}
+
+/// Reads the properties, and of everything else what is `wanted` by its path, such as `controller/sigma` or
+/// `event/guidance`. Of a file that was closed only these parts are read.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_selected(path: &Path, wanted: &dyn Fn(&str) -> bool) -> Result<Recording, ReadError> {
+    read_parts(&parts(path)?, wanted)
+}
+
+/// Reads a recording that was written in several parts, given in their order.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_parts(paths: &[PathBuf], wanted: &dyn Fn(&str) -> bool) -> Result<Recording, ReadError> {
+    read_and_keep(paths, wanted, &|_| false).map(|(recording, _)| recording)
+}
+
+/// Reads a recording, and of what is to be kept also the pieces as they stand in the file, in their order.
+pub(crate) fn read_and_keep(
+    paths: &[PathBuf],
+    wanted: &dyn Fn(&str) -> bool,
+    kept: &dyn Fn(&str) -> bool,
+) -> Result<(Recording, Vec<Chunk>), ReadError> {
+    let mut reader = Reader { wanted, kept, stores: Vec::new(), damage: Vec::new() };
+    for path in paths {
+        reader.part(path)?;
     }
+    let (mut recording, chunks) = reader.run(paths)?;
+    recording.parts = paths.len();
+    for (number, path) in paths.iter().enumerate().skip(1) {
+        if part_number(path).is_some_and(|(_, found)| found != number as u64 + 1) {
+            let problem = format!("part {} is not there", number + 1);
+            recording.damage.push(Damage { path: path.clone(), from: 0, bytes: 0, problem });
+            break;
+        }
+    }
+    recording.complete = recording.damage.is_empty();
     recording.signals.values_mut().for_each(Columns::sort);
     recording.labels.values_mut().for_each(|labels| labels.sort_by_key(|label| label.tick));
+    recording.commands.values_mut().for_each(|commands| commands.sort_by_key(|command| command.tick));
+    recording.words.values_mut().for_each(|words| words.sort_by_key(|words| words.tick));
+    recording.wires.values_mut().for_each(|wire| wire.sort_by_key(|message| message.tick));
     recording.events.sort_by_key(|event| event.tick);
-    Ok(recording)
+    Ok((recording, chunks))
+}
+
+/// The file at `path` and the parts that follow it: `run.rrd`, `run.part2.rrd`, `run.part3.rrd`, …
+///
+/// # Errors
+/// When the folder can't be read.
+pub fn parts(path: &Path) -> Result<Vec<PathBuf>, ReadError> {
+    let mut parts = vec![path.to_owned()];
+    let (None, Some(stem)) = (part_number(path), path.file_stem()) else { return Ok(parts) };
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let Ok(entries) = folder.read_dir() else { return Ok(parts) };
+    let mut further: Vec<(u64, PathBuf)> = entries
+        .flatten()
+        .filter_map(|entry| {
+            let path = path.with_file_name(entry.file_name());
+            let (first, number) = part_number(&path)?;
+            (first.as_os_str() == stem && number > 1).then_some((number, path))
+        })
+        .collect();
+    further.sort();
+    parts.extend(further.into_iter().map(|(_, path)| path));
+    Ok(parts)
+}
+
+/// The first file of the run that this further part belongs to, whether it is there or not.
+#[must_use]
+pub fn first_part(path: &Path) -> Option<PathBuf> {
+    let (stem, _) = part_number(path).filter(|(_, number)| *number > 1)?;
+    Some(path.with_file_name(stem).with_added_extension("rrd"))
+}
+
+/// Whether the run of this file has other files.
+pub(crate) fn is_one_of_several(path: &Path) -> Result<bool, ReadError> {
+    Ok(part_number(path).is_some() || parts(path)?.len() > 1)
+}
+
+/// `run` and 2 of `run.part2.rrd`.
+fn part_number(path: &Path) -> Option<(PathBuf, u64)> {
+    let stem = Path::new(path.file_stem().filter(|_| path.extension().is_some_and(|extension| extension == "rrd"))?);
+    let number = stem.extension()?.to_str()?.strip_prefix("part")?.parse().ok()?;
+    Some((PathBuf::from(stem.file_stem()?), number))
 }
 
 /// Whether the file at `path` ends with a footer that points into the file.
@@ -131,71 +221,273 @@ pub fn read(path: &Path) -> Result<Recording, ReadError> {
 /// # Errors
 /// When the file can't be read.
 pub(crate) fn is_closed(path: &Path) -> io::Result<bool> {
-    let mut file = File::open(path)?;
-    let length = file.metadata()?.len();
-    let mut end = [0; StreamFooter::ENCODED_SIZE_BYTES];
-    let Some(start) = length.checked_sub(end.len() as u64) else { return Ok(false) };
-    file.seek(SeekFrom::Start(start))?;
-    file.read_exact(&mut end)?;
-    let Ok(footer) = StreamFooter::from_rrd_bytes(&end) else { return Ok(false) };
-    let Some(entry) = footer.entries.first() else { return Ok(false) };
-    let span = entry.rrd_footer_byte_span_from_start_excluding_header;
-    // The footer's own list is the last thing before this pointer to it.
-    if span.start.checked_add(span.len) != Some(start) {
-        return Ok(false);
+    match Frames::open(File::open(path)?) {
+        Ok(mut frames) => Ok(frames.manifests()?.is_some()),
+        Err(Foreign::Io(error)) => Err(error),
+        Err(_) => Ok(false),
     }
-    let mut list = vec![0; span.len as usize];
-    file.seek(SeekFrom::Start(span.start))?;
-    file.read_exact(&mut list)?;
-    Ok(StreamFooter::compute_crc(&list) == entry.crc_excluding_header)
+}
+
+/// Opens a file for its messages.
+pub(crate) fn open(path: &Path) -> Result<Frames<File>, ReadError> {
+    let failed = |error| ReadError::File { path: path.to_owned(), error };
+    let file = File::open(path).map_err(failed)?;
+    if file.metadata().map_err(failed)?.is_dir() {
+        return Err(failed(io::ErrorKind::IsADirectory.into()));
+    }
+    Frames::open(file).map_err(|foreign| match foreign {
+        Foreign::Empty => ReadError::Empty { path: path.to_owned() },
+        Foreign::Other(problem) => ReadError::Foreign { path: path.to_owned(), problem },
+        Foreign::Io(error) => failed(error),
+    })
+}
+
+/// A recording on its way from the file.
+struct Reader<'a> {
+    wanted: &'a dyn Fn(&str) -> bool,
+    /// Pieces that are also kept as they are.
+    kept: &'a dyn Fn(&str) -> bool,
+    /// Everything by the run that it says it belongs to; one, where nothing is damaged.
+    stores: Vec<Store>,
+    damage: Vec<Damage>,
+}
+
+/// What belongs to one run.
+struct Store {
+    id: StoreId,
+    recording: Recording,
+    /// Where it was found.
+    places: Vec<(PathBuf, Range<u64>)>,
+    /// How much of it is more than an introduction.
+    chunks: usize,
+    kept: Vec<Chunk>,
+}
+
+impl Reader<'_> {
+    fn part(&mut self, path: &Path) -> Result<(), ReadError> {
+        let failed = |error| ReadError::File { path: path.to_owned(), error };
+        let mut frames = open(path)?;
+        let manifests = frames.manifests().map_err(failed)?;
+        if let Some(places) = manifests.as_deref().and_then(|manifests| self.places(manifests)) {
+            // The first piece tells whether the beginning is damaged.
+            if let Some((place, piece)) = frames.next().map_err(failed)?.filter(|(place, _)| place.start == 0) {
+                self.take(path, place, piece);
+            }
+            for place in places {
+                let piece = frames.chunk(place.clone()).map_err(failed)?;
+                self.take(path, place, piece.unwrap_or_else(Piece::Lost));
+            }
+        } else {
+            while let Some((place, piece)) = frames.next().map_err(failed)? {
+                self.take(path, place, piece);
+            }
+        }
+        if manifests.is_none() {
+            let from = frames.length();
+            self.lost(path, from..from, "not closed: the writer was killed, or the end of the file is gone".to_owned());
+        }
+        Ok(())
+    }
+
+    /// The run that most of what was found belongs to; the rest is damage.
+    fn run(mut self, paths: &[PathBuf]) -> Result<(Recording, Vec<Chunk>), ReadError> {
+        let path = || paths.first().cloned().unwrap_or_default();
+        let most = (0..self.stores.len()).max_by_key(|&i| (self.stores[i].chunks, std::cmp::Reverse(i)));
+        let Some(most) = most else {
+            if self.damage.is_empty() {
+                return Err(ReadError::Foreign { path: path(), problem: "there is no run in it".to_owned() });
+            }
+            return Ok((Recording { damage: self.damage, ..Recording::default() }, Vec::new()));
+        };
+        let run = self.stores.swap_remove(most);
+        let application = run.id.application_id().as_str();
+        if application == COMPARISON {
+            return Err(ReadError::Comparison { path: path() });
+        }
+        if application != APPLICATION {
+            return Err(ReadError::Application { path: path(), application: application.to_owned() });
+        }
+        for store in std::mem::take(&mut self.stores) {
+            let (application, name) = (store.id.application_id().as_str(), store.id.recording_id().as_str());
+            for (path, place) in store.places {
+                self.lost(&path, place, format!("part of another run, {application:?} {name:?}"));
+            }
+        }
+        let format = run.recording.properties.get("run").and_then(|run| run.get("format"));
+        if let Some(&Property::Integer(format)) = format
+            && format > FORMAT
+        {
+            return Err(ReadError::Newer { path: path(), format });
+        }
+        let mut recording = run.recording;
+        recording.damage = self.damage;
+        recording.damage.sort_by_key(|damage| (paths.iter().position(|path| *path == damage.path), damage.from));
+        Ok((recording, run.kept))
+    }
+
+    /// Where in the file everything wanted is, when not all of it is wanted and there is a list.
+    fn places(&self, manifests: &[rerun::external::re_log_encoding::RawRrdManifest]) -> Option<Vec<Range<u64>>> {
+        let mut places = Vec::new();
+        let mut all = true;
+        for manifest in manifests.iter().filter(|manifest| manifest.store_id.kind() == StoreKind::Recording) {
+            let paths = manifest.col_chunk_entity_path_raw().ok()?;
+            let starts = manifest.col_chunk_byte_offset().ok()?;
+            let sizes = manifest.col_chunk_byte_size().ok()?;
+            for ((path, start), size) in paths.iter().zip(starts).zip(sizes) {
+                let path = path?.trim_start_matches('/');
+                if is_property(path) || (self.wanted)(path) || (self.kept)(path) {
+                    places.push(start..start.checked_add(size)?);
+                } else {
+                    all = false;
+                }
+            }
+        }
+        places.sort_by_key(|place| place.start);
+        (!all).then_some(places)
+    }
+
+    fn lost(&mut self, path: &Path, place: Range<u64>, problem: String) {
+        let bytes = place.end - place.start;
+        self.damage.push(Damage { path: path.to_owned(), from: place.start, bytes, problem });
+    }
+
+    fn take(&mut self, path: &Path, place: Range<u64>, piece: Piece) {
+        let (message, chunk) = match piece {
+            Piece::Chunk(message, chunk) => (message, Some(chunk)),
+            Piece::Message(message) => (message, None),
+            Piece::Lost(problem) => return self.lost(path, place, problem),
+        };
+        let id = message.store_id();
+        if id.kind() != StoreKind::Recording {
+            return;
+        }
+        let at = self.stores.iter().position(|store| store.id == *id).unwrap_or_else(|| {
+            let (recording, places) = (Recording::default(), Vec::new());
+            self.stores.push(Store { id: id.clone(), recording, places, chunks: 0, kept: Vec::new() });
+            self.stores.len() - 1
+        });
+        let (wanted, kept) = (self.wanted, self.kept);
+        let store = &mut self.stores[at];
+        store.places.push((path.to_owned(), place.clone()));
+        let Some(chunk) = chunk else { return };
+        store.chunks += 1;
+        let entity = chunk.entity_path().to_string();
+        let entity = entity.trim_start_matches('/');
+        if id.application_id().as_str() != APPLICATION {
+            return;
+        }
+        if is_property(entity) || wanted(entity) {
+            // Arrow panics on some damages only when the values are looked at.
+            let added = quietly(|| store.recording.add(entity, &chunk)).unwrap_or_else(|()| Err("damaged".to_owned()));
+            if let Err(problem) = added {
+                return self.lost(path, place, format!("{entity}: {problem}"));
+            }
+        }
+        if kept(entity) {
+            store.kept.push(*chunk);
+        }
+    }
+}
+
+/// Properties are always read.
+fn is_property(path: &str) -> bool {
+    path.starts_with("__properties")
+}
+
+impl RunSource for Recording {
+    fn name(&self) -> &str {
+        &self.name
+    }
+    fn properties(&self) -> &BTreeMap<String, Properties> {
+        &self.properties
+    }
+    fn signals(&self) -> &BTreeMap<String, Columns> {
+        &self.signals
+    }
+    fn labels(&self) -> &BTreeMap<String, Vec<Label>> {
+        &self.labels
+    }
+    fn events(&self) -> &[Event] {
+        &self.events
+    }
+    fn commands(&self) -> &BTreeMap<String, Vec<Label>> {
+        &self.commands
+    }
+    fn is_complete(&self) -> bool {
+        self.complete
+    }
+    fn words(&self, path: &str) -> &[Label] {
+        self.words.get(path).map_or(&[], Vec::as_slice)
+    }
+    fn wire(&self, key: &str) -> &[WireMessage] {
+        self.wires.get(key).map_or(&[], Vec::as_slice)
+    }
 }
 
 impl Recording {
+    /// The last tick of any signal.
+    #[must_use]
+    pub fn last_tick(&self) -> Option<i64> {
+        self.signals.values().filter_map(|columns| columns.tick.last().copied()).max()
+    }
+
     fn add(&mut self, path: &str, chunk: &Chunk) -> Result<(), String> {
         if let Some(group) = path.strip_prefix("__properties") {
             return self.add_properties(group.trim_start_matches('/'), chunk);
         }
-        *self.rows.entry(path.to_owned()).or_default() += chunk.num_rows();
         let scalars = rerun::Scalars::descriptor_scalars().component;
         let state = rerun::StateChange::descriptor_state().component;
         let text = rerun::TextLog::descriptor_text().component;
+        let words = rerun::TextDocument::descriptor_text().component;
         let names = rerun::SeriesLines::descriptor_names().component;
-        if chunk.components().contains_component(scalars) {
-            self.signals.entry(path.to_owned()).or_default().add(chunk, scalars)?;
+        let bytes = ComponentIdentifier::from(BYTES);
+        let has = |component| chunk.components().contains_component(component);
+        // All of a chunk or nothing of it: what does not fit is found before anything is entered.
+        let changes = has(state).then(|| labels(chunk, state)).transpose()?;
+        let happened = has(text).then(|| events(path.strip_prefix("event/").unwrap_or(path), chunk)).transpose()?;
+        let said = has(words).then(|| labels(chunk, words)).transpose()?;
+        let wire = path.strip_prefix("wire/").filter(|_| has(bytes));
+        let sent = wire.map(|key| Ok::<_, String>((key, wired(chunk, bytes)?))).transpose()?;
+        if has(scalars) {
+            let mut columns = self.signals.remove(path).unwrap_or_default();
+            let known = !columns.tick.is_empty() || !columns.names.is_empty();
+            let added = add_rows(&mut columns, chunk, scalars);
+            if known || added.is_ok() {
+                self.signals.insert(path.to_owned(), columns);
+            }
+            added?;
         }
-        if chunk.components().contains_component(names) {
-            self.signals.entry(path.to_owned()).or_default().names = strings(chunk, names).collect();
+        if has(names) {
+            self.signals.entry(path.to_owned()).or_default().names =
+                strings(chunk, names).map(|name| name.unwrap_or_default()).collect();
         }
-        if chunk.components().contains_component(state) {
-            let changes = moments(chunk, state)?.zip(strings(chunk, state));
-            let changes = changes.map(|((tick, time_ns), value)| Label { tick, time_ns, value });
+        if let Some(changes) = changes {
             self.labels.entry(path.to_owned()).or_default().extend(changes);
         }
-        if chunk.components().contains_component(text) {
-            let service = path.strip_prefix("event/").unwrap_or(path).to_owned();
-            let levels = strings(chunk, rerun::TextLog::descriptor_level().component);
-            for (((tick, _), text), level) in moments(chunk, text)?.zip(strings(chunk, text)).zip(levels) {
-                let severity = match level.as_str() {
-                    "INFO" => Severity::Info,
-                    "WARN" => Severity::Warning,
-                    _ => Severity::Error,
-                };
-                let (service, text) = (service.clone().into(), text.into());
-                self.events.push(Event { tick: tick as u64, service, severity, text });
-            }
+        self.events.extend(happened.into_iter().flatten());
+        if let Some(said) = said {
+            let (of_path, path) = match path.strip_prefix("command/") {
+                Some(service) => (&mut self.commands, service),
+                None => (&mut self.words, path),
+            };
+            of_path.entry(path.to_owned()).or_default().extend(said);
         }
+        if let Some((key, sent)) = sent {
+            self.wires.entry(key.to_owned()).or_default().extend(sent);
+        }
+        *self.rows.entry(path.to_owned()).or_default() += chunk.num_rows();
         Ok(())
     }
 
     fn add_properties(&mut self, group: &str, chunk: &Chunk) -> Result<(), String> {
         if group.is_empty() {
-            if let Some(name) = strings(chunk, rerun::RecordingInfo::descriptor_name().component).next() {
+            if let Some(name) = strings(chunk, rerun::RecordingInfo::descriptor_name().component).flatten().next() {
                 self.name = name;
             }
             return Ok(());
         }
         for component in chunk.components_identifiers() {
-            let values = chunk.components().get_array(component).map(|list| list.values());
+            let values = chunk.components().get_array(component).map(ListArray::values);
             let property = values.and_then(property).ok_or_else(|| format!("{component} is not a property"))?;
             self.properties.entry(group.to_owned()).or_default().insert(component.to_string(), property);
         }
@@ -203,54 +495,113 @@ impl Recording {
     }
 }
 
-impl Columns {
-    fn add(&mut self, chunk: &Chunk, component: ComponentIdentifier) -> Result<(), String> {
-        for ((tick, time_ns), values) in moments(chunk, component)?.zip(chunk.iter_slices::<f64>(component)) {
-            if self.tick.is_empty() {
-                self.width = values.len();
-            } else if self.width != values.len() {
-                return Err(format!("{} values at tick {tick}, {} before", values.len(), self.width));
-            }
-            self.tick.push(tick);
-            self.time_ns.push(time_ns);
-            self.values.extend_from_slice(values);
-        }
-        Ok(())
+/// Adds all rows of a chunk, or none.
+fn add_rows(columns: &mut Columns, chunk: &Chunk, component: ComponentIdentifier) -> Result<(), String> {
+    let moments = Moments::new(chunk, component)?;
+    let list = chunk.components().get_array(component).ok_or("the values are gone")?;
+    let values = list.values().as_any().downcast_ref::<Float64Array>().ok_or("its values are not numbers")?;
+    let widths = || moments.rows.iter().map(|&row| (row, list.value_length(row) as usize));
+    let Some((_, first)) = widths().next() else { return Ok(()) };
+    let width = if columns.tick.is_empty() { first } else { columns.width };
+    if let Some((row, other)) = widths().find(|(_, other)| *other != width) {
+        return Err(format!("{other} values at tick {}, {width} before", moments.tick[row]));
+    }
+    for &row in &moments.rows {
+        let start = list.value_offsets()[row] as usize;
+        columns.values.extend_from_slice(&values.values()[start..start + width]);
+    }
+    let before = columns.tick.len();
+    columns.width = width;
+    columns.tick.extend(moments.ticks());
+    columns.time_ns.extend(moments.times());
+    for (name, clock) in &moments.clocks {
+        let column = columns.clocks.entry(name.clone()).or_insert_with(|| vec![None; before]);
+        column.resize(before, None);
+        column.extend(moments.rows.iter().map(|&row| Some(clock[row])));
+    }
+    let rows = columns.tick.len();
+    columns.clocks.values_mut().for_each(|clock| clock.resize(rows, None));
+    Ok(())
+}
+
+fn labels(chunk: &Chunk, component: ComponentIdentifier) -> Result<Vec<Label>, String> {
+    let moments = Moments::new(chunk, component)?;
+    let texts = strings(chunk, component);
+    let rows = moments.ticks().zip(moments.times()).zip(texts);
+    Ok(rows.filter_map(|((tick, time_ns), value)| Some(Label { tick, time_ns, value: value? })).collect())
+}
+
+fn events(service: &str, chunk: &Chunk) -> Result<Vec<Event>, String> {
+    let text = rerun::TextLog::descriptor_text().component;
+    let levels = strings(chunk, rerun::TextLog::descriptor_level().component);
+    let happened = labels(chunk, text)?.into_iter().zip(levels);
+    Ok(happened
+        .map(|(label, level)| {
+            let severity = match level.as_deref() {
+                Some("INFO") => Severity::Info,
+                Some("WARN") => Severity::Warning,
+                _ => Severity::Error,
+            };
+            let tick = u64::try_from(label.tick).unwrap_or(0);
+            Event { tick, service: service.to_owned().into(), severity, text: label.value.into() }
+        })
+        .collect())
+}
+
+fn wired(chunk: &Chunk, component: ComponentIdentifier) -> Result<Vec<WireMessage>, String> {
+    let moments = Moments::new(chunk, component)?;
+    let bytes = chunk.iter_slices::<&[u8]>(component);
+    Ok(moments
+        .rows
+        .iter()
+        .zip(bytes)
+        .filter_map(|(&row, bytes)| {
+            let clocks = moments.clocks.iter().map(|(name, clock)| (name.clone(), clock[row])).collect();
+            let bytes = bytes.first()?.to_vec();
+            Some(WireMessage { tick: moments.tick[row], time_ns: moments.time_ns[row], clocks, bytes })
+        })
+        .collect())
+}
+
+/// When the rows of a chunk that have a component were.
+struct Moments<'a> {
+    /// Those that have it.
+    rows: Vec<usize>,
+    tick: &'a [i64],
+    time_ns: &'a [i64],
+    clocks: BTreeMap<String, &'a [i64]>,
+}
+
+impl<'a> Moments<'a> {
+    fn new(chunk: &'a Chunk, component: ComponentIdentifier) -> Result<Self, String> {
+        let on = |timeline: &'static str| chunk.timelines().get(&timeline.into()).map(|times| times.times_raw());
+        let (Some(tick), Some(time_ns)) = (on(TICK), on(TIME)) else {
+            return Err(format!("not on the timelines {TICK} and {TIME}"));
+        };
+        let list = chunk.components().get_array(component).ok_or("the values are gone")?;
+        let rows = (0..chunk.num_rows()).filter(|&row| list.is_valid(row)).collect();
+        let clocks = chunk.timelines().iter().map(|(name, times)| (name.to_string(), times.times_raw()));
+        let clocks = clocks.filter(|(name, _)| name != TICK && name != TIME).collect();
+        Ok(Self { rows, tick, time_ns, clocks })
     }
 
-    /// Values of the row at `tick`.
-    #[must_use]
-    pub fn at(&self, tick: i64) -> Option<&[f64]> {
-        let row = self.tick.binary_search(&tick).ok()?;
-        self.values.get(row * self.width..(row + 1) * self.width)
+    fn ticks(&self) -> impl Iterator<Item = i64> + '_ {
+        self.rows.iter().map(|&row| self.tick[row])
     }
 
-    fn sort(&mut self) {
-        if self.tick.is_sorted() {
-            return;
-        }
-        let mut order: Vec<usize> = (0..self.tick.len()).collect();
-        order.sort_by_key(|&row| self.tick[row]);
-        self.tick = order.iter().map(|&row| self.tick[row]).collect();
-        self.time_ns = order.iter().map(|&row| self.time_ns[row]).collect();
-        self.values = order.iter().flat_map(|&row| &self.values[row * self.width..][..self.width]).copied().collect();
+    fn times(&self) -> impl Iterator<Item = i64> + '_ {
+        self.rows.iter().map(|&row| self.time_ns[row])
     }
 }
 
-/// Tick and time of every row that has this component.
-fn moments(chunk: &Chunk, component: ComponentIdentifier) -> Result<impl Iterator<Item = (i64, i64)>, String> {
-    if [TICK, TIME].iter().any(|&timeline| !chunk.timelines().contains_key(&timeline.into())) {
-        return Err(format!("not on the timelines {TICK} and {TIME}"));
-    }
-    let on = |timeline: &'static str| {
-        chunk.iter_component_indices(timeline.into(), component).map(|(time, _)| time.as_i64())
-    };
-    Ok(on(TICK).zip(on(TIME)))
-}
-
-/// Every string of a component, over all rows.
-fn strings(chunk: &Chunk, component: ComponentIdentifier) -> impl Iterator<Item = String> {
-    chunk.iter_slices::<String>(component).flatten().map(|text| text.as_str().to_owned())
+/// The strings of a component: the first of every row that has any; all of them when there is one row only.
+fn strings(chunk: &Chunk, component: ComponentIdentifier) -> impl Iterator<Item = Option<String>> {
+    let single = chunk.num_rows() == 1;
+    chunk.iter_slices::<String>(component).flat_map(move |texts| {
+        let mut texts: Vec<_> = texts.iter().map(|text| Some(text.as_str().to_owned())).collect();
+        texts.resize(if single { texts.len() } else { 1 }, None);
+        texts
+    })
 }
 
 fn property(values: &ArrayRef) -> Option<Property> {

@@ -1,6 +1,7 @@
-//! The picture in three dimensions: net, vehicle, its path and the beams of its DVL.
+//! The picture in three dimensions: net, vehicle with its thrusters, its path, the beams of its DVL, the current.
 
 use crate::chunks::{Problem, Rows, Times, columns, fixed, text};
+use crate::style;
 use rerun::log::Chunk;
 use supertwin_core::run::Scene as Geometry;
 
@@ -8,28 +9,47 @@ use supertwin_core::run::Scene as Geometry;
 const POSE: &str = "/plant/truth/pose";
 /// Signal with the range along each beam; 0 where nothing came back.
 const RANGE: &str = "/plant/measurements/dvl_range";
+/// Signal that says of each beam whether the estimator used it.
+const ACCEPTED: &str = "/estimator/net_plane/accepted";
+/// Signal with the force of each thruster.
+const FORCE: &str = "/plant/truth/thruster_force";
+/// Signal with the velocity of the current: north, east, down.
+const CURRENT: &str = "/plant/truth/current";
 
 /// The vehicle moves in the picture at every so many ticks.
 const MOVE_EVERY: i64 = 5;
 /// A piece of the path is drawn at every so many moves.
 const PIECE: usize = 5;
+/// Length of the arrow of a force.
+const METRES_PER_NEWTON: f64 = 0.025;
+/// Length of the arrow of the current.
+const METRES_PER_SPEED: f64 = 5.0;
+/// The arrow of the current starts so far above the vehicle.
+const CURRENT_ABOVE_M: f64 = 0.8;
 
 const NET_COLOR: u32 = 0x7F9F_8FA0;
 const BODY_COLOR: u32 = 0xF2C1_2EFF;
 const PATH_COLOR: u32 = 0x4DA6_FFFF;
-const BEAM_COLOR: u32 = 0xFF4B_4BC0;
+const THRUSTER_COLOR: u32 = 0x3030_30FF;
+const FORCE_COLOR: u32 = 0xFF8C_1AFF;
+const CURRENT_COLOR: u32 = 0x4CE0_E0FF;
 
 /// What moves.
 #[derive(Default)]
 pub(crate) struct Scene {
     beams: [[f64; 3]; 4],
+    /// Directions of the thrusters' forces.
+    thrusters: Vec<[f64; 3]>,
+    /// Nobody has said yet whether beams are good.
+    unjudged: bool,
     /// The last piece of the path that is not drawn yet, starting where the drawn path ends.
     piece: Vec<[f32; 3]>,
 }
 
 impl Scene {
     pub(crate) fn new(geometry: &Geometry) -> Self {
-        Self { beams: geometry.beams, piece: Vec::new() }
+        let thrusters = geometry.thrusters.iter().map(|thruster| thruster.direction).collect();
+        Self { beams: geometry.beams, thrusters, unjudged: true, piece: Vec::new() }
     }
 
     /// What does not move.
@@ -38,7 +58,7 @@ impl Scene {
         let nose = [half[0], 0.0, 0.0];
         let mut chunks = vec![
             fixed("world", &rerun::ViewCoordinates::RIGHT_HAND_Z_DOWN())?,
-            // The first view has its origin here, and a view knows up and down only from its origin.
+            // The overview has its origin here, and a view knows up and down only from its origin.
             fixed("world/vehicle", &rerun::ViewCoordinates::RIGHT_HAND_Z_DOWN())?,
             fixed(
                 "world/vehicle/body",
@@ -54,6 +74,37 @@ impl Scene {
                     .with_radii([half[2].max(0.02) * 0.2]),
             )?,
         ];
+        chunks.extend([
+            fixed(
+                "world/vehicle/marker",
+                &rerun::Points3D::new([[0.0; 3]])
+                    .with_radii([rerun::Radius::new_ui_points(6.0)])
+                    .with_colors([BODY_COLOR]),
+            )?,
+            fixed(
+                "world/vehicle/beams",
+                &rerun::LineStrips3D::update_fields().with_radii([rerun::Radius::new_ui_points(1.5)]),
+            )?,
+            fixed(
+                "world/current",
+                &rerun::Arrows3D::update_fields()
+                    .with_colors([CURRENT_COLOR])
+                    .with_radii([0.025])
+                    .with_labels(["current"])
+                    .with_show_labels(true),
+            )?,
+        ]);
+        if !geometry.thrusters.is_empty() {
+            let places = || geometry.thrusters.iter().map(|thruster| thruster.position_m.map(narrow));
+            let n = geometry.thrusters.len();
+            let housings = rerun::Boxes3D::from_centers_and_half_sizes(places(), vec![[0.07; 3]; n]);
+            let housings = housings.with_fill_mode(rerun::FillMode::Solid).with_colors([THRUSTER_COLOR]);
+            chunks.push(fixed("world/vehicle/thrusters", &housings)?);
+            // Drawn from above the hull, where it can be seen.
+            let above = places().map(|[x, y, z]| [x, y, z - half[2] * 1.05]);
+            let forces = rerun::Arrows3D::update_fields().with_origins(above).with_colors([FORCE_COLOR]);
+            chunks.push(fixed("world/vehicle/thrust", &forces.with_radii([0.03]))?);
+        }
         if !geometry.net_lines_m.is_empty() {
             let strips = geometry.net_lines_m.iter().map(|line| line.iter().map(|point| point.map(narrow)));
             let net = rerun::LineStrips3D::new(strips.map(Iterator::collect::<Vec<_>>))
@@ -66,19 +117,18 @@ impl Scene {
 
     /// What moves because of these rows.
     pub(crate) fn draw(&mut self, rows: &Rows) -> Result<Vec<Chunk>, Problem> {
-        if rows.width != 4 {
-            return Ok(Vec::new());
-        }
-        match rows.entity.to_string().as_str() {
-            POSE => self.moves(rows),
-            RANGE => self.pings(rows),
+        match (rows.entity.to_string().as_str(), rows.width) {
+            (POSE, 4) => self.moves(rows),
+            (RANGE, 4) => self.pings(rows),
+            (ACCEPTED, 4) => self.judges(rows),
+            (FORCE, n) if n == self.thrusters.len() => self.pushes(rows),
+            (CURRENT, 3) => flows(rows),
             _ => Ok(Vec::new()),
         }
     }
 
     fn moves(&mut self, rows: &Rows) -> Result<Vec<Chunk>, Problem> {
-        let ticks = rows.times.ticks();
-        let kept: Vec<u32> = (0..rows.times.len() as u32).filter(|&i| ticks[i as usize] % MOVE_EVERY == 0).collect();
+        let kept = now_and_then(rows);
         let poses: Vec<&[f64]> = kept.iter().map(|&i| &rows.values[i as usize * 4..][..4]).collect();
         let mut chunks = Vec::new();
         if kept.is_empty() {
@@ -96,6 +146,14 @@ impl Scene {
             "world/vehicle".into(),
             rows.times.select(&kept),
             transforms.columns_of_unit_batches().map_err(text)?,
+        )?);
+        // The current goes along, but does not turn with the vehicle.
+        let above = |pose: &&[f64]| [narrow(pose[0]), narrow(pose[1]), narrow(pose[2] - CURRENT_ABOVE_M)];
+        let along = rerun::Transform3D::update_fields().with_many_translation(poses.iter().map(above));
+        chunks.push(columns(
+            "world/current".into(),
+            rows.times.select(&kept),
+            along.columns_of_unit_batches().map_err(text)?,
         )?);
 
         let (mut strips, mut ends) = (Vec::new(), Vec::new());
@@ -121,23 +179,60 @@ impl Scene {
         Ok(chunks)
     }
 
-    fn pings(&self, rows: &Rows) -> Result<Vec<Chunk>, Problem> {
-        let mut strips = Vec::new();
-        let mut lengths = Vec::new();
-        for ranges in rows.values.chunks_exact(4) {
-            let before = strips.len();
-            for (beam, &range) in self.beams.iter().zip(ranges).filter(|(_, range)| **range > 0.0) {
-                strips.push([[0.0; 3], beam.map(|x| narrow(x * range))]);
-            }
-            lengths.push(strips.len() - before);
+    /// All four beams of a ping; one that did not come back has no length.
+    fn pings(&mut self, rows: &Rows) -> Result<Vec<Chunk>, Problem> {
+        let beams = rows.values.chunks_exact(4).flat_map(|ranges| self.beams.iter().zip(ranges));
+        let strips = beams.map(|(beam, &range)| [[0.0; 3], beam.map(|x| narrow(x * range.max(0.0)))]);
+        let strips = rerun::LineStrips3D::update_fields().with_strips(strips);
+        let n = rows.times.len();
+        let entity = || "world/vehicle/beams".into();
+        let lines = strips.columns(std::iter::repeat_n(4, n)).map_err(text)?;
+        let mut chunks = vec![columns(entity(), rows.times.clone(), lines)?];
+        if std::mem::take(&mut self.unjudged) && n > 0 {
+            let plain = rerun::LineStrips3D::update_fields().with_colors([style::BEAM; 4]);
+            let first: Times = rows.times.select(&[0]);
+            chunks.push(columns(entity(), first, plain.columns([4]).map_err(text)?)?);
         }
-        let n = strips.len();
-        let beams = rerun::LineStrips3D::new(strips)
-            .with_colors(std::iter::repeat_n(BEAM_COLOR, n))
-            .with_radii(std::iter::repeat_n(rerun::Radius::new_ui_points(1.0), n));
-        let times: Times = rows.times.clone();
-        Ok(vec![columns("world/vehicle/beams".into(), times, beams.columns(lengths).map_err(text)?)?])
+        Ok(chunks)
     }
+
+    /// Which beams of a ping the estimator used.
+    fn judges(&mut self, rows: &Rows) -> Result<Vec<Chunk>, Problem> {
+        self.unjudged = false;
+        let colors = rows.values.iter().map(|&used| if used > 0.5 { style::ACCEPTED } else { style::REJECTED });
+        let colors = rerun::LineStrips3D::update_fields().with_colors(colors);
+        let colors = colors.columns(std::iter::repeat_n(4, rows.times.len())).map_err(text)?;
+        Ok(vec![columns("world/vehicle/beams".into(), rows.times.clone(), colors)?])
+    }
+
+    /// The force of every thruster, where it acts.
+    fn pushes(&self, rows: &Rows) -> Result<Vec<Chunk>, Problem> {
+        let kept = now_and_then(rows);
+        let forces = kept.iter().flat_map(|&i| &rows.values[i as usize * rows.width..][..rows.width]);
+        let arrows = forces.zip(self.thrusters.iter().cycle());
+        let arrows = arrows.map(|(force, direction)| direction.map(|x| narrow(x * force * METRES_PER_NEWTON)));
+        let arrows = rerun::Arrows3D::update_fields().with_vectors(arrows);
+        let arrows = arrows.columns(std::iter::repeat_n(rows.width, kept.len())).map_err(text)?;
+        Ok(vec![columns("world/vehicle/thrust".into(), rows.times.select(&kept), arrows)?])
+    }
+}
+
+/// Where the water goes.
+fn flows(rows: &Rows) -> Result<Vec<Chunk>, Problem> {
+    let kept = now_and_then(rows);
+    let arrows = kept.iter().map(|&i| {
+        let at = i as usize * 3;
+        [0, 1, 2].map(|axis| narrow(rows.values[at + axis] * METRES_PER_SPEED))
+    });
+    let arrows = rerun::Arrows3D::update_fields().with_vectors(arrows);
+    let arrows = arrows.columns_of_unit_batches().map_err(text)?;
+    Ok(vec![columns("world/current".into(), rows.times.select(&kept), arrows)?])
+}
+
+/// Places of the rows at which the picture moves.
+fn now_and_then(rows: &Rows) -> Vec<u32> {
+    let ticks = rows.times.ticks();
+    (0..rows.times.len() as u32).filter(|&i| ticks[i as usize] % MOVE_EVERY == 0).collect()
 }
 
 /// The picture is in single precision; the numbers themselves are recorded as signals.

@@ -1,6 +1,10 @@
 //! A run as it is heard, gathered in columns and handed to the file batch by batch.
 
-use crate::chunks::{Problem, Rows, Times, columns, fixed, text};
+use crate::belated::Belated;
+use crate::chunks::{Clocks, Problem, Rows, Times, columns, fixed, text};
+use crate::derived::Derived;
+use crate::live::Live;
+use crate::notes::Notes;
 use crate::scene::Scene;
 use crate::writer::{Job, Writer};
 use crate::{blueprint, read, style};
@@ -28,11 +32,13 @@ pub struct Options {
     pub batch_ticks: usize,
     /// Compress the file (LZ4): about 40 per cent smaller, and writing takes twice as long.
     pub compress: bool,
+    /// Embed the dashboards, 1.4 MB uncompressed.
+    pub dashboards: bool,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { overwrite: false, batch_ticks: 1000, compress: false }
+        Self { overwrite: false, batch_ticks: 1000, compress: false, dashboards: true }
     }
 }
 
@@ -49,19 +55,36 @@ pub struct RerunSink {
     /// Ticks of this batch, and when they are.
     ticks: Vec<i64>,
     nanos: Vec<i64>,
+    /// Wall clocks of these ticks, if the run came over a network.
+    clocks: Vec<Clocks>,
     last_tick: Option<Tick>,
     vectors: Slots<Column>,
     labels: Slots<Track>,
-    events: BTreeMap<Cow<'static, str>, Vec<Event>>,
+    events: BTreeMap<Cow<'static, str>, Vec<(Event, Option<Clocks>)>>,
+    notes: BTreeMap<String, Notes>,
+    belated: Belated,
     scene: Scene,
+    derived: Derived,
     /// What went wrong in a call that can't return it.
     failure: Option<Problem>,
 }
 
 enum State {
-    Created(Box<dyn Write + Send>),
-    Writing(Writer),
+    Created(Target),
+    Writing(Outlet),
     Closed,
+}
+
+/// Where it is going to go.
+enum Target {
+    File(Box<dyn Write + Send>),
+    Live(Live),
+}
+
+/// Where it goes.
+enum Outlet {
+    File(Writer),
+    Live(Live, StoreId),
 }
 
 impl RerunSink {
@@ -91,23 +114,34 @@ impl RerunSink {
             }),
             _ => failed(format!("can't create the file: {error}")),
         })?;
-        let mut sink = Self::onto(Box::new(file), &path.display().to_string(), options);
+        let mut sink = Self::onto(Target::File(Box::new(file)), &path.display().to_string(), options);
         sink.path = Some(path.to_owned());
         Ok(sink)
     }
 
-    fn onto(target: Box<dyn Write + Send>, name: &str, options: Options) -> Self {
+    /// Feeds `live`, `batch_ticks` at a time, instead of a file. It never waits and never fails.
+    #[must_use]
+    pub fn live(live: &Live, batch_ticks: usize) -> Self {
+        let options = Options { batch_ticks: batch_ticks.max(1), ..Options::default() };
+        Self::onto(Target::Live(live.clone()), "live view", options)
+    }
+
+    fn onto(target: Target, name: &str, options: Options) -> Self {
         Self {
             name: name.to_owned(),
             path: None,
             state: State::Created(target),
             ticks: Vec::with_capacity(options.batch_ticks),
             nanos: Vec::with_capacity(options.batch_ticks),
+            clocks: Vec::new(),
             last_tick: None,
             vectors: Slots::default(),
             labels: Slots::default(),
             events: BTreeMap::new(),
+            notes: BTreeMap::new(),
+            belated: Belated::default(),
             scene: Scene::default(),
+            derived: Derived::default(),
             failure: None,
             options,
         }
@@ -127,7 +161,8 @@ impl RerunSink {
             return Err(cause.clone());
         }
         match &self.state {
-            State::Writing(writer) => writer.check(),
+            State::Writing(Outlet::File(writer)) => writer.check(),
+            State::Writing(Outlet::Live(..)) => Ok(()),
             State::Created(_) => Err("the run has not begun".to_owned()),
             State::Closed => Err("the recording is closed".to_owned()),
         }
@@ -135,7 +170,11 @@ impl RerunSink {
 
     fn send(&self, job: Job) -> Result<(), Problem> {
         match &self.state {
-            State::Writing(writer) => writer.send(job),
+            State::Writing(Outlet::File(writer)) => writer.send(job),
+            State::Writing(Outlet::Live(live, store)) => {
+                live.offer(store, job);
+                Ok(())
+            }
             _ => Err("the recording is not open".to_owned()),
         }
     }
@@ -154,51 +193,103 @@ impl RerunSink {
             EncodingOptions::PROTOBUF_UNCOMPRESSED
         };
         let store = StoreId::new(StoreKind::Recording, crate::APPLICATION, header.name.as_str());
-        self.state = State::Writing(Writer::start(target, store.clone(), encoding)?);
+        self.state = State::Writing(match target {
+            Target::File(file) => Outlet::File(Writer::start(file, store.clone(), encoding)?),
+            Target::Live(live) => Outlet::Live(live, store.clone()),
+        });
         let source = StoreSource::Other(concat!("supertwin ", env!("CARGO_PKG_VERSION")).to_owned());
         let info = StoreInfo::new(store, source);
-        self.send(Job::Message(SetStoreInfo { row_id: *RowId::new(), info }.into()))?;
-        let span_s = match header.properties.get("duration_s") {
-            Some(Property::Number(span_s)) => Some(*span_s),
-            _ => None,
-        };
-        for message in blueprint::messages(blueprint::first_view(span_s))? {
-            self.send(Job::Message(message))?;
+        let mut jobs = vec![Job::Message(SetStoreInfo { row_id: *RowId::new(), info }.into())];
+        if self.options.dashboards {
+            let about = blueprint::About::run(header);
+            jobs.extend(blueprint::messages(blueprint::Dashboard::all(&about))?.into_iter().map(Job::Message));
         }
         // No start time: the same run makes the same recording whenever it runs.
         let info = RecordingInfo::new().with_name(header.name.as_str());
-        self.send(Job::Chunk(fixed(EntityPath::properties(), &info)?))?;
-        self.properties("run", &header.properties)?;
+        jobs.push(Job::Chunk(fixed(EntityPath::properties(), &info)?));
+        jobs.extend(properties("run", &header.properties)?);
         for chunk in Scene::fixed(&header.scene)? {
-            self.send(Job::Chunk(chunk))?;
+            jobs.push(Job::Chunk(chunk));
         }
+        self.send(Job::All(jobs))?;
         self.scene = Scene::new(&header.scene);
+        self.derived = Derived::new(&header.scene);
         Ok(())
     }
 
-    fn properties(&self, group: &str, properties: &Properties) -> Result<(), Problem> {
-        if properties.is_empty() {
-            return Ok(());
+    /// The wall clocks of the present tick; of every tick, or of none.
+    pub fn clocks(&mut self, clocks: Clocks) {
+        self.clocks.push(clocks);
+    }
+
+    /// What is shown from here on belongs to `tick`, which has been written without it; until the next tick begins.
+    /// Nothing is drawn of it, and no curves follow from it.
+    pub fn belated(&mut self, tick: Tick, clocks: Clocks) {
+        self.belated.at = Some((tick, clocks));
+    }
+
+    /// An event that came over a network.
+    ///
+    /// # Errors
+    /// When something heard earlier could not be written.
+    pub fn event_at(&mut self, event: &Event, clocks: Option<Clocks>) -> Result<(), SinkError> {
+        self.check().map_err(|cause| self.error(cause))?;
+        self.events.entry(event.service.clone()).or_default().push((event.clone(), clocks));
+        Ok(())
+    }
+
+    /// Words at `path`, such as the account of a step or a state, at any tick.
+    pub fn text(&mut self, path: &str, tick: Tick, clocks: Clocks, words: String) {
+        self.note(path).add_text(tick, clocks, words);
+    }
+
+    /// The exact bytes of a message at `path`, at any tick.
+    pub fn bytes(&mut self, path: &str, tick: Tick, clocks: Clocks, bytes: Vec<u8>) {
+        self.note(path).add_bytes(tick, clocks, bytes);
+    }
+
+    fn note(&mut self, path: &str) -> &mut Notes {
+        if !self.notes.contains_key(path) {
+            self.notes.insert(path.to_owned(), Notes::default());
         }
-        let mut values = rerun::AnyValues::default();
-        for (name, property) in properties {
-            let name = ComponentIdentifier::try_new(name.as_str()).map_err(text)?;
-            values = match property {
-                Property::Text(text) => values.with_component::<Text>(name, [text.as_str()]),
-                Property::Number(x) => values.with_component_from_data(name, Arc::new(Float64Array::from(vec![*x]))),
-                Property::Integer(n) => values.with_component_from_data(name, Arc::new(UInt64Array::from(vec![*n]))),
-            };
+        self.notes.entry(path.to_owned()).or_default()
+    }
+
+    /// Hands what was heard so far to the file, without waiting for a batch to be full: what a crash can't take.
+    ///
+    /// # Errors
+    /// When something could not be written.
+    pub fn flush(&mut self) -> Result<(), SinkError> {
+        self.check().and_then(|()| self.hand_over()).map_err(|cause| self.error(cause))
+    }
+
+    /// Hands what was heard so far to the file, and waits until the file has it.
+    ///
+    /// # Errors
+    /// When something could not be written.
+    pub fn sync(&mut self) -> Result<(), SinkError> {
+        self.flush()?;
+        match &self.state {
+            State::Writing(Outlet::File(writer)) => writer.sync().map_err(|cause| self.error(cause)),
+            _ => Ok(()),
         }
-        let entity = EntityPath::properties().join(&EntityPath::from_single_string(group));
-        self.send(Job::Chunk(fixed(entity, &values)?))
+    }
+
+    /// Length of the file so far; zero for a live view.
+    #[must_use]
+    pub fn written(&self) -> u64 {
+        match &self.state {
+            State::Writing(Outlet::File(writer)) => writer.written(),
+            _ => 0,
+        }
     }
 
     /// Hands everything that was heard since the last batch to the file.
-    fn flush(&mut self) -> Result<(), Problem> {
+    fn hand_over(&mut self) -> Result<(), Problem> {
         let room = self.options.batch_ticks;
         let ticks = std::mem::replace(&mut self.ticks, Vec::with_capacity(room));
         let nanos = std::mem::replace(&mut self.nanos, Vec::with_capacity(room));
-        let every = Times::new(ticks, nanos);
+        let every = Times::new(ticks, nanos).with_clocks(&std::mem::take(&mut self.clocks));
         let mut jobs = Vec::new();
         let mut batch = Vec::with_capacity(self.vectors.slots.len());
         for (signal, column) in &mut self.vectors.slots {
@@ -235,30 +326,40 @@ impl RerunSink {
         for (service, events) in std::mem::take(&mut self.events) {
             jobs.push(Job::Chunk(self.log(&service, &events)?));
         }
-        jobs.push(Job::Batch(batch));
-        jobs.into_iter().try_for_each(|job| self.send(job))
+        for (path, notes) in &mut self.notes {
+            jobs.extend(notes.chunks(path)?.into_iter().map(Job::Chunk));
+        }
+        jobs.extend(self.belated.chunks()?.into_iter().map(Job::Chunk));
+        jobs.extend(self.derived.of(&batch)?.into_iter().map(Job::Chunk));
+        if !batch.is_empty() {
+            jobs.push(Job::Batch(batch));
+        }
+        self.send(Job::All(jobs))
     }
 
-    fn log(&self, service: &str, events: &[Event]) -> Result<rerun::log::Chunk, Problem> {
+    fn log(&self, service: &str, events: &[(Event, Option<Clocks>)]) -> Result<rerun::log::Chunk, Problem> {
         let dt_s = self.last_tick.map_or(0.0, |tick| tick.dt_s);
-        let ticks: Vec<i64> = events.iter().map(|event| event.tick as i64).collect();
-        let nanos = events.iter().map(|event| nanos(Tick { k: event.tick, dt_s })).collect();
-        let level = |event: &Event| match event.severity {
+        let ticks: Vec<i64> = events.iter().map(|(event, _)| event.tick as i64).collect();
+        let nanos = events.iter().map(|(event, _)| nanos(Tick { k: event.tick, dt_s })).collect();
+        let clocks: Vec<Clocks> = events.iter().filter_map(|(_, clocks)| *clocks).collect();
+        let level = |(event, _): &(Event, Option<Clocks>)| match event.severity {
             Severity::Info => rerun::TextLogLevel::INFO,
             Severity::Warning => rerun::TextLogLevel::WARN,
             Severity::Error => rerun::TextLogLevel::ERROR,
         };
         let log = rerun::TextLog::update_fields()
-            .with_many_text(events.iter().map(|event| &*event.text))
+            .with_many_text(events.iter().map(|(event, _)| &*event.text))
             .with_many_level(events.iter().map(level));
         let entity = EntityPath::from_single_string("event").join(&EntityPath::from_single_string(service));
-        columns(entity, Times::new(ticks, nanos), log.columns_of_unit_batches().map_err(text)?)
+        columns(entity, Times::new(ticks, nanos).with_clocks(&clocks), log.columns_of_unit_batches().map_err(text)?)
     }
 
     /// Writes what is left and the footer, and looks at the file whether all of it is there.
     fn close(&mut self) -> Result<(), Problem> {
-        let State::Writing(writer) = std::mem::replace(&mut self.state, State::Closed) else {
-            return Err("the recording is not open".to_owned());
+        let writer = match std::mem::replace(&mut self.state, State::Closed) {
+            State::Writing(Outlet::File(writer)) => writer,
+            State::Writing(Outlet::Live(..)) => return Ok(()),
+            _ => return Err("the recording is not open".to_owned()),
         };
         let written = writer.close()?;
         let Some(path) = &self.path else { return Ok(()) };
@@ -272,10 +373,16 @@ impl RerunSink {
 
 impl Probe for RerunSink {
     fn vector(&mut self, signal: &'static Signal, values: &[f64]) {
+        let width = values.len();
+        if self.belated.at.is_some() {
+            if width > 0 && !self.belated.numbers(signal, values) {
+                self.fail(|| format!("{} changed its width to {width}", signal.path));
+            }
+            return;
+        }
         let Some(row) = self.ticks.len().checked_sub(1) else {
             return self.fail(|| format!("{} is shown before the first tick", signal.path));
         };
-        let width = values.len();
         let at = match self.vectors.find(signal) {
             Some(at) => at,
             // A vehicle without thrusters shows an empty vector: there is nothing to draw.
@@ -292,17 +399,23 @@ impl Probe for RerunSink {
     }
 
     fn label(&mut self, signal: &'static Signal, value: &'static str) {
-        let Some(row) = self.ticks.len().checked_sub(1) else {
+        let row = self.ticks.len().checked_sub(1);
+        if row.is_none() && self.belated.at.is_none() {
             return self.fail(|| format!("{} is shown before the first tick", signal.path));
-        };
+        }
         let at = self.labels.find(signal).unwrap_or_else(|| self.labels.insert(signal, Track::new(signal)));
         let track = &mut self.labels.slots[at].1;
         if track.last == Some(value) {
             return;
         }
         track.last = Some(value);
-        track.rows.push(row as u32);
-        track.changes.push(value);
+        match row.filter(|_| self.belated.at.is_none()) {
+            Some(row) => {
+                track.rows.push(row as u32);
+                track.changes.push(value);
+            }
+            None => self.belated.label(signal, value),
+        }
         if !track.known.contains(&value) {
             track.known.push(value);
         }
@@ -320,8 +433,9 @@ impl RunSink for RerunSink {
             return Err(self.error(format!("tick {} comes after tick {}", tick.k, last.k)));
         }
         if self.ticks.len() >= self.options.batch_ticks {
-            self.flush().map_err(|cause| self.error(cause))?;
+            self.hand_over().map_err(|cause| self.error(cause))?;
         }
+        self.belated.at = None;
         self.last_tick = Some(tick);
         self.ticks.push(tick.k as i64);
         self.nanos.push(nanos(tick));
@@ -332,15 +446,14 @@ impl RunSink for RerunSink {
     }
 
     fn event(&mut self, event: &Event) -> Result<(), SinkError> {
-        self.check().map_err(|cause| self.error(cause))?;
-        self.events.entry(event.service.clone()).or_default().push(event.clone());
-        Ok(())
+        self.event_at(event, None)
     }
 
     fn finish(&mut self, results: &Properties) -> Result<(), SinkError> {
         // Whatever went wrong, what was heard is written and the file closed; the first problem explains the others.
         let heard = self.check();
-        let written = self.flush().and_then(|()| self.properties("result", results));
+        let written =
+            self.hand_over().and_then(|()| properties("result", results)?.map_or(Ok(()), |job| self.send(job)));
         let closed = self.close();
         heard.and(written).and(closed).map_err(|cause| self.error(cause))
     }
@@ -351,7 +464,7 @@ impl Drop for RerunSink {
         match &self.state {
             // Nobody can be told about errors here; what can be saved is saved.
             State::Writing(_) => {
-                drop(self.flush());
+                drop(self.hand_over());
                 drop(self.close());
             }
             // An empty file would only be in the way of the next attempt.
@@ -365,8 +478,26 @@ impl Drop for RerunSink {
     }
 }
 
+/// A group of properties, if there are any.
+pub(crate) fn properties(group: &str, properties: &Properties) -> Result<Option<Job>, Problem> {
+    if properties.is_empty() {
+        return Ok(None);
+    }
+    let mut values = rerun::AnyValues::default();
+    for (name, property) in properties {
+        let name = ComponentIdentifier::try_new(name.as_str()).map_err(text)?;
+        values = match property {
+            Property::Text(text) => values.with_component::<Text>(name, [text.as_str()]),
+            Property::Number(x) => values.with_component_from_data(name, Arc::new(Float64Array::from(vec![*x]))),
+            Property::Integer(n) => values.with_component_from_data(name, Arc::new(UInt64Array::from(vec![*n]))),
+        };
+    }
+    let entity = EntityPath::properties().join(&EntityPath::from_single_string(group));
+    Ok(Some(Job::Chunk(fixed(entity, &values)?)))
+}
+
 /// Nanoseconds since the start of the run, rounded once.
-fn nanos(tick: Tick) -> i64 {
+pub(crate) fn nanos(tick: Tick) -> i64 {
     (tick.t_s() * 1e9).round() as i64
 }
 
@@ -485,7 +616,7 @@ mod tests {
     }
 
     fn onto(target: Small, batch_ticks: usize) -> RerunSink {
-        RerunSink::onto(Box::new(target), "disk", Options { batch_ticks, ..Default::default() })
+        RerunSink::onto(Target::File(Box::new(target)), "disk", Options { batch_ticks, ..Default::default() })
     }
 
     fn run(mut sink: RerunSink, ticks: u64) -> Result<(), SinkError> {

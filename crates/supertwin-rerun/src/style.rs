@@ -8,19 +8,50 @@ const PALETTE: [u32; 8] =
     [0x56B4_E9FF, 0xE69F_00FF, 0x00B0_85FF, 0xD97F_B5FF, 0xF0E4_42FF, 0xE066_20FF, 0x6A8F_FFFF, 0xB8B8_B8FF];
 
 /// What a sensor or the estimator says.
-const MEASURED: u32 = 0x4DA6_FFFF;
+pub(crate) const MEASURED: u32 = 0x4DA6_FFFF;
 /// What is wanted.
-const REFERENCE: u32 = 0xFF4B_4BFF;
+pub(crate) const REFERENCE: u32 = 0xFF4B_4BFF;
 /// What really is.
-const TRUE: u32 = 0x9FD1_A4FF;
+pub(crate) const TRUE: u32 = 0x4CD0_72FF;
+/// A limit beside the curve that it is for.
+const LIMIT: u32 = 0x9A9A_9AFF;
 
-/// Colour of component `i` with this name.
-pub(crate) fn color(name: &str, i: usize) -> u32 {
+/// Background of pictures.
+pub(crate) const WATER: u32 = 0x0A1E_2AFF;
+/// A beam of which nothing is known.
+pub(crate) const BEAM: u32 = 0xD0D0_D0FF;
+/// A beam that the estimator used.
+pub(crate) const ACCEPTED: u32 = TRUE;
+/// A beam that it refused.
+pub(crate) const REJECTED: u32 = REFERENCE;
+
+/// All is as it should be.
+pub(crate) const GOOD: u32 = 0x2E7D_46FF;
+/// Nothing happens.
+pub(crate) const IDLE: u32 = 0x4A4A_4AFF;
+/// Worth a look.
+pub(crate) const ALERT: u32 = 0xC25A_14FF;
+
+/// The `i`-th colour for curves without a meaning of their own.
+pub(crate) fn palette(i: usize) -> u32 {
+    PALETTE[i % PALETTE.len()]
+}
+
+/// Colour of component `i` with this name of the signal at `path`.
+#[must_use]
+pub fn color(path: &str, name: &str, i: usize) -> u32 {
+    // These stand in one plot with others, though each begins with its own first component.
+    let before = match path {
+        "derived/nis/heading" | "derived/pings_lost" => 1,
+        "derived/nis/yaw_rate" | "derived/refused" => 2,
+        _ => 0,
+    };
     match name {
         "measured" => MEASURED,
         "reference" => REFERENCE,
         "true" => TRUE,
-        _ => PALETTE[i % PALETTE.len()],
+        "gate" | "3 σ" | "α_tol" => LIMIT,
+        _ => palette(before + i),
     }
 }
 
@@ -44,12 +75,18 @@ pub(crate) fn names(signal: &Signal, width: usize) -> Vec<String> {
 /// How the curves of a signal look.
 pub(crate) fn lines(signal: &Signal, width: usize) -> rerun::SeriesLines {
     let name = |i: usize| signal.components.get(i).copied().unwrap_or_default();
+    // What hardly moves may be broad: it hides nothing, and is hidden less.
+    let slow = ["controller/k1", "controller/k2"].contains(&signal.path) || signal.unit(0) == "count";
     let lines = rerun::SeriesLines::new()
         .with_names(names(signal, width))
-        .with_colors((0..width).map(|i| color(name(i), i)))
-        .with_widths((0..width).map(|i| if name(i) == "reference" { 2.0 } else { 1.25 }));
-    // A flag has no value between 0 and 1.
-    if signal.unit(0) == "flag" { lines.with_interpolation_mode(InterpolationMode::StepAfter) } else { lines }
+        .with_colors((0..width).map(|i| color(signal.path, name(i), i)))
+        .with_widths((0..width).map(|i| if slow || name(i) == "reference" { 2.0 } else { 1.25 }));
+    // A flag and a count have nothing between their values.
+    if ["flag", "count"].contains(&signal.unit(0)) {
+        lines.with_interpolation_mode(InterpolationMode::StepAfter)
+    } else {
+        lines
+    }
 }
 
 /// How the values of a label look: grey for the first, which is the one that does nothing.
@@ -83,8 +120,8 @@ mod tests {
 
     #[test]
     fn the_three_curves_of_tracking_never_change_their_colour() {
-        assert_eq!(color("measured", 7), color("measured", 0));
-        let three = [color("measured", 0), color("reference", 1), color("true", 2)];
+        assert_eq!(color("a/b", "measured", 7), color("a/b", "measured", 0));
+        let three = [color("a/b", "measured", 0), color("a/b", "reference", 1), color("a/b", "true", 2)];
         assert!(three[0] != three[1] && three[1] != three[2] && three[0] != three[2]);
     }
 }

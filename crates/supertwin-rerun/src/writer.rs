@@ -8,6 +8,7 @@ use rerun::StoreId;
 use rerun::external::re_log_encoding::{Encoder, EncodingOptions};
 use rerun::log::{Chunk, LogMsg};
 use std::io::{self, Write};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
@@ -23,6 +24,35 @@ pub(crate) enum Job {
     Batch(Vec<Rows>),
     /// Anything else, such as the blueprint.
     Message(LogMsg),
+    /// Several at once: all of them get through, or none.
+    All(Vec<Job>),
+    /// Whoever waits for this hears when everything before it is in the file.
+    Sync(SyncSender<()>),
+}
+
+impl Job {
+    /// Hands the messages of `store` that this comes to, one by one, to `take`.
+    pub(crate) fn unpack(
+        self,
+        store: &StoreId,
+        take: &mut dyn FnMut(LogMsg) -> Result<(), Problem>,
+    ) -> Result<(), Problem> {
+        let message = |chunk: &Chunk| {
+            let message = chunk.to_arrow_msg().map_err(text)?;
+            Ok::<_, Problem>(LogMsg::ArrowMsg(store.clone(), message))
+        };
+        match self {
+            Self::Chunk(chunk) => take(message(&chunk)?),
+            Self::Batch(batch) => batch.into_iter().try_for_each(|rows| take(message(&rows.into_chunk()?)?)),
+            Self::Message(message) => take(message),
+            Self::All(jobs) => jobs.into_iter().try_for_each(|job| job.unpack(store, take)),
+            Self::Sync(done) => {
+                // Who does not wait any more needs no answer.
+                let _ = done.send(());
+                Ok(())
+            }
+        }
+    }
 }
 
 /// A file that grows in its own thread.
@@ -30,6 +60,7 @@ pub(crate) struct Writer {
     jobs: SyncSender<Job>,
     thread: JoinHandle<Result<u64, Problem>>,
     failure: Arc<OnceLock<Problem>>,
+    written: Arc<AtomicU64>,
 }
 
 impl Writer {
@@ -42,10 +73,12 @@ impl Writer {
         let (jobs, inbox) = sync_channel(WAITING);
         let failure = Arc::new(OnceLock::new());
         let report = Arc::clone(&failure);
+        let written = Arc::new(AtomicU64::new(0));
+        let count = Arc::clone(&written);
         let thread = std::thread::Builder::new()
             .name("recording".to_owned())
             .spawn(move || {
-                let outcome = write(target, &store, options, &inbox);
+                let outcome = write(Counted { target, written: count }, &store, options, &inbox);
                 if let Err(problem) = &outcome {
                     // Set before the inbox goes away: who finds nobody listening also finds the reason.
                     report.get_or_init(|| problem.clone());
@@ -54,7 +87,20 @@ impl Writer {
                 outcome
             })
             .map_err(text)?;
-        Ok(Self { jobs, thread, failure })
+        Ok(Self { jobs, thread, failure, written })
+    }
+
+    /// Waits until everything that was queued is in the file.
+    pub(crate) fn sync(&self) -> Result<(), Problem> {
+        let (done, wait) = sync_channel(1);
+        self.send(Job::Sync(done))?;
+        // An error ends the thread, and with it the wait.
+        wait.recv().or_else(|_| self.check())
+    }
+
+    /// Bytes that the disk has taken so far.
+    pub(crate) fn written(&self) -> u64 {
+        self.written.load(Ordering::Relaxed)
     }
 
     /// What went wrong so far.
@@ -74,47 +120,36 @@ impl Writer {
     }
 }
 
-fn write(target: impl Write, store: &StoreId, options: EncodingOptions, inbox: &Receiver<Job>) -> Result<u64, Problem> {
-    let target = Counted { target, written: 0 };
+fn write(
+    target: Counted<impl Write>,
+    store: &StoreId,
+    options: EncodingOptions,
+    inbox: &Receiver<Job>,
+) -> Result<u64, Problem> {
     let version = rerun::build_info().version;
     let mut encoder = Encoder::new_eager(version, options, target).map_err(text)?;
     let outcome = (|| {
         for job in inbox {
-            match job {
-                Job::Chunk(chunk) => append(&mut encoder, store, &chunk)?,
-                Job::Batch(batch) => {
-                    for rows in batch {
-                        append(&mut encoder, store, &rows.into_chunk()?)?;
-                    }
-                }
-                Job::Message(message) => {
-                    encoder.append(&message).map_err(text)?;
-                }
-            }
+            job.unpack(store, &mut |message| encoder.append(&message).map_err(text).map(drop))?;
         }
         encoder.finish().map_err(text)?;
         encoder.flush_blocking().map_err(text)
     })();
     // Taking the file out keeps the encoder's `drop` from writing a footer after an error.
     let target = encoder.into_inner().map_err(text)?;
-    outcome.map(|()| target.written)
-}
-
-fn append(encoder: &mut Encoder<impl Write>, store: &StoreId, chunk: &Chunk) -> Result<(), Problem> {
-    let message = LogMsg::ArrowMsg(store.clone(), chunk.to_arrow_msg().map_err(text)?);
-    encoder.append(&message).map_err(text).map(drop)
+    outcome.map(|()| target.written.load(Ordering::Relaxed))
 }
 
 /// Knows how long the file must be in the end.
 struct Counted<W> {
     target: W,
-    written: u64,
+    written: Arc<AtomicU64>,
 }
 
 impl<W: Write> Write for Counted<W> {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         let n = self.target.write(bytes)?;
-        self.written += n as u64;
+        self.written.fetch_add(n as u64, Ordering::Relaxed);
         Ok(n)
     }
     fn flush(&mut self) -> io::Result<()> {

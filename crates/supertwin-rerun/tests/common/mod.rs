@@ -56,6 +56,7 @@ pub(crate) fn header(name: &str) -> RunHeader {
             net_lines_m: rings.chain(ribs).collect(),
             body_half_size_m: [0.4, 0.3, 0.2],
             beams: [[c, s, s], [c, s, -s], [c, -s, -s], [c, -s, s]],
+            ..Scene::default()
         },
     }
 }

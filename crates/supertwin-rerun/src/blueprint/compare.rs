@@ -1,0 +1,152 @@
+//! Which of several runs is better where? Scores, curves over each other, errors, differences, ways through the pen.
+//!
+//! It depends on the names of the runs, so it stands only in files that [`mod@crate::merge`] writes.
+
+use super::About;
+use super::views::{Canvas, Curves, Legend};
+use crate::merge::{AXES, QUANTITIES, Quantity};
+use rerun::blueprint::{ContainerLike, Grid, Horizontal, Vertical};
+use std::collections::BTreeMap;
+
+/// What there is to compare, and where it stands in the file.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Compared {
+    /// Which stretch of time the plots show.
+    pub(crate) about: About,
+    /// Curves by plot: `curve/sway`, `error/sway`, …
+    pub(crate) plots: BTreeMap<String, Vec<Curves>>,
+    /// Title and entities of every bar chart.
+    pub(crate) bars: Vec<(String, Vec<String>)>,
+    /// Modes of guidance.
+    pub(crate) lanes: Vec<String>,
+    /// There is a picture.
+    pub(crate) scene: bool,
+    /// Labels are groups of several runs.
+    pub(crate) several: bool,
+    /// What the others are held against.
+    pub(crate) baseline: Option<String>,
+    /// What 0 s is.
+    pub(crate) aligned_on: String,
+}
+
+impl Compared {
+    /// What is compared are groups of several runs.
+    #[must_use]
+    pub fn several(&self) -> bool {
+        self.several
+    }
+}
+
+/// Names of the tabs.
+pub const TABS: [&str; 6] = ["scores", "curves", "errors", "true errors", "differences", "adaptation"];
+
+pub(super) fn tabs(canvas: &mut Canvas, compared: &Compared, only: Option<&str>) -> Vec<ContainerLike> {
+    let views: [fn(&mut Canvas, &Compared) -> Option<ContainerLike>; 6] =
+        [scores, curves, errors, true_errors, differences, adaptation];
+    let wanted = TABS.iter().zip(views).filter(|(name, _)| only.is_none_or(|only| only == **name));
+    wanted.filter_map(|(_, views)| views(canvas, compared)).collect()
+}
+
+fn scores(canvas: &mut Canvas, compared: &Compared) -> Option<ContainerLike> {
+    let mut left = vec![canvas.document("Who is better where", "/compare/scores/text")];
+    if compared.scene {
+        left.push(canvas.picture(
+            "Ways through the pen",
+            "/compare/scene",
+            &["/compare/scene/**"],
+            [-36.0, -36.0, -38.0],
+            [0.0, 0.0, 9.0],
+        ));
+    }
+    let left = Vertical::new(left).with_row_shares([2.0, 1.0]).into();
+    // Bars have no names of their own; the legend of this plot is theirs as well.
+    let by_speed = [1_usize, 0, 2, 3, 4, 5].map(|i| QUANTITIES[i]);
+    let there = by_speed.iter().find(|quantity| compared.plots.contains_key(&format!("rms/{}", quantity.name)));
+    let key = there.map(|quantity| {
+        let title = format!("Colours, and {}: RMS error of 10 s [{}]", quantity.title.to_lowercase(), quantity.unit);
+        (format!("rms/{}", quantity.name), title)
+    });
+    let mut right = plots(canvas, compared, key);
+    let charts: Vec<_> = compared.bars.iter().map(|(title, entities)| canvas.bars(title, entities)).collect();
+    let rows = charts.len().div_ceil(2) as f32;
+    if !charts.is_empty() {
+        right.push(Grid::new(charts).with_grid_columns(2).into());
+    }
+    let right = Vertical::new(right).with_row_shares([1.25, rows]).into();
+    Some(Horizontal::new([left, right]).with_column_shares([1.0, 1.0]).with_name("Scores").into())
+}
+
+fn curves(canvas: &mut Canvas, compared: &Compared) -> Option<ContainerLike> {
+    let wanted = QUANTITIES.iter().map(|quantity| {
+        let what = if compared.several && quantity.angle { " minus reference" } else { "" };
+        (format!("curve/{}", quantity.name), format!("{}{what} [{}]", quantity.title, quantity.unit))
+    });
+    let plots = plots(canvas, compared, wanted);
+    if plots.is_empty() {
+        return None;
+    }
+    let mut rows: Vec<ContainerLike> = vec![Grid::new(plots).with_grid_columns(2).into()];
+    if !compared.lanes.is_empty() {
+        let lanes: Vec<&str> = compared.lanes.iter().map(String::as_str).collect();
+        rows.push(canvas.lanes("Mode of guidance", &lanes));
+    }
+    Some(Vertical::new(rows).with_row_shares([6.0, 1.5]).with_name("Curves").into())
+}
+
+fn errors(canvas: &mut Canvas, compared: &Compared) -> Option<ContainerLike> {
+    let mut wanted = per_quantity("rms/", |title, unit| format!("{title}: RMS error of 10 s [{unit}]"));
+    wanted.extend(per_quantity("error/", |title, unit| format!("{title} minus reference [{unit}]")));
+    grid("Errors", 3, plots(canvas, compared, wanted))
+}
+
+fn true_errors(canvas: &mut Canvas, compared: &Compared) -> Option<ContainerLike> {
+    let wanted = per_quantity("true_rms/", |title, unit| format!("{title}: true RMS error of 10 s [{unit}]"));
+    grid("True errors", 2, plots(canvas, compared, wanted))
+}
+
+fn differences(canvas: &mut Canvas, compared: &Compared) -> Option<ContainerLike> {
+    let baseline = compared.baseline.as_deref().unwrap_or("baseline");
+    let mut wanted = per_quantity("difference/rms_", |title, unit| {
+        format!("{title}: RMS minus {baseline}'s, below 0 is better [{unit}]")
+    });
+    wanted.extend(per_quantity("difference/", |title, unit| format!("{title} minus {baseline}'s [{unit}]")));
+    grid("Differences", 3, plots(canvas, compared, wanted))
+}
+
+fn adaptation(canvas: &mut Canvas, compared: &Compared) -> Option<ContainerLike> {
+    let units = ["m/s", "m/s", "m", "rad"];
+    let sigma = AXES.iter().zip(units).map(|(axis, unit)| (format!("sigma/{axis}"), format!("σ {axis} [{unit}]")));
+    let k1 = AXES.iter().map(|axis| {
+        let unit = if *axis == "yaw" { "N m/√σ" } else { "N/√σ" };
+        (format!("k1/{axis}"), format!("k1 {axis} [{unit}]"))
+    });
+    let plots = plots(canvas, compared, sigma.chain(k1));
+    let columns = if plots.len() > 4 { 4 } else { 2 };
+    grid("Adaptation", columns, plots)
+}
+
+/// Where the curves of each quantity are, and the title of their plot.
+fn per_quantity(kind: &str, title: impl Fn(&str, &str) -> String) -> Vec<(String, String)> {
+    let plot = |quantity: &Quantity| (format!("{kind}{}", quantity.name), title(quantity.title, quantity.unit));
+    QUANTITIES.iter().map(plot).collect()
+}
+
+/// Plots of those that there are. The colours are the same in all of them, so the first one explains them.
+fn plots(
+    canvas: &mut Canvas,
+    compared: &Compared,
+    wanted: impl IntoIterator<Item = (String, String)>,
+) -> Vec<ContainerLike> {
+    let mut plots = Vec::new();
+    for (kind, title) in wanted {
+        if let Some(curves) = compared.plots.get(&kind) {
+            let legend = if plots.is_empty() { Legend::Over } else { Legend::None };
+            plots.push(canvas.plot(&title, curves, legend));
+        }
+    }
+    plots
+}
+
+fn grid(name: &str, columns: u32, plots: Vec<ContainerLike>) -> Option<ContainerLike> {
+    (!plots.is_empty()).then(|| Grid::new(plots).with_grid_columns(columns).with_name(name).into())
+}

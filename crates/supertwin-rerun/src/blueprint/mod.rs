@@ -1,0 +1,287 @@
+//! The dashboards: which curves stand where when a recording is opened.
+//!
+//! There is one file per dashboard here and one per dashboard in the folder `dashboards`; every recording carries all
+//! that suit it, as tabs.
+//!
+//! * `overview`: where is the vehicle, and what is it doing?
+//! * `tracking`: does it do what it should? The paper's figures 3, 4 and 6.
+//! * `adaptation`: what does the law do? The paper's figure 5.
+//! * `estimation`: does the vehicle know where it is?
+//! * `thrusters`: can the thrusters do what the law asks for?
+//! * `link`: do the services keep up? Only recordings over the network know.
+//! * `compare`: which of several runs is better where? It depends on their names, so it stands only in merged files.
+
+mod adaptation;
+mod compare;
+mod estimation;
+mod link;
+mod overview;
+mod thrusters;
+mod tracking;
+mod views;
+
+use crate::chunks::{Problem, text};
+use crate::{APPLICATION, COMPARISON};
+pub use compare::{Compared, TABS};
+use rerun::StoreKind;
+use rerun::blueprint::{
+    Blueprint, BlueprintActivation, BlueprintPanel, ContainerLike, SelectionPanel, Tabs, TimePanel,
+};
+use rerun::external::re_log_encoding::Encoder;
+use rerun::external::re_sdk_types::blueprint::components as values;
+use rerun::log::{Chunk, LogMsg, RowId};
+use rerun::time::{TimePoint, Timeline};
+use supertwin_core::{Property, RunHeader};
+use views::Canvas;
+pub use views::{Curves, View};
+
+/// Names of the dashboards, in the order of the tabs.
+pub const NAMES: [&str; 6] = ["overview", "tracking", "adaptation", "estimation", "thrusters", "link"];
+
+/// Views in their places, with what Rerun's own builders can't say.
+#[derive(Debug)]
+pub struct Dashboard {
+    application: &'static str,
+    root: ContainerLike,
+    canvas: Canvas,
+}
+
+/// What the dashboards depend on.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct About {
+    /// Length of the run, when it is known: all plots show all of it. Otherwise their time axes are linked, and they
+    /// show the same stretch around the cursor.
+    pub span_s: Option<f64>,
+    /// Where that stretch begins; before 0 when time is counted from an event in the run.
+    pub from_s: f64,
+    /// Laws that come to command; when none is known, all are shown.
+    pub laws: Vec<String>,
+    /// How many thrusters there are; 0 when that is not known.
+    pub thrusters: usize,
+    /// The services talked over a network.
+    pub network: bool,
+}
+
+impl About {
+    /// Of a run that begins like this.
+    #[must_use]
+    pub fn run(header: &RunHeader) -> Self {
+        let properties = &header.properties;
+        let words = |name: &str| match properties.get(name) {
+            Some(Property::Text(text)) => text.split_whitespace().map(str::to_owned).collect(),
+            _ => Vec::new(),
+        };
+        let laws = [words("laws"), words("law")].concat();
+        let network =
+            words("placement").first().is_some_and(|placement| !["batch", "replay"].contains(&placement.as_str()));
+        let span_s = match properties.get("duration_s") {
+            Some(Property::Number(span_s)) => Some(*span_s),
+            _ => None,
+        };
+        Self { span_s, from_s: 0.0, laws, thrusters: header.scene.thrusters.len(), network }
+    }
+
+    /// Whether a law of this kind can have been in command.
+    fn has(&self, kind: &[&str]) -> bool {
+        let known: Vec<&str> = self.laws.iter().map(String::as_str).filter(|law| *law != "external").collect();
+        known.is_empty() || known.iter().any(|law| kind.contains(law))
+    }
+}
+
+impl Dashboard {
+    /// The dashboard with this name.
+    #[must_use]
+    pub fn named(name: &str, about: &About) -> Option<Self> {
+        let mut canvas = Canvas::new(about);
+        let root = tab(name, &mut canvas)?;
+        Some(Self { application: APPLICATION, root, canvas })
+    }
+
+    /// All dashboards that suit a run, as tabs.
+    #[must_use]
+    pub fn all(about: &About) -> Self {
+        let mut canvas = Canvas::new(about);
+        let names = NAMES.iter().filter(|name| **name != "link" || about.network);
+        let tabs: Vec<ContainerLike> = names.filter_map(|name| tab(name, &mut canvas)).collect();
+        Self { application: APPLICATION, root: Tabs::new(tabs).with_active_tab("0").into(), canvas }
+    }
+
+    /// The dashboard of runs that stand side by side, or the one of its [`TABS`] with this name.
+    #[must_use]
+    pub fn compare(compared: &Compared, only: Option<&str>) -> Self {
+        let mut canvas = Canvas::new(&compared.about);
+        let tabs = compare::tabs(&mut canvas, compared, only);
+        Self { application: COMPARISON, root: Tabs::new(tabs).with_active_tab("0").into(), canvas }
+    }
+
+    /// Gives every plot a background of its own, almost black and without a grid: a program that looks at a picture
+    /// knows where each plot is.
+    pub fn mark_plots(&mut self) {
+        self.canvas.mark_plots();
+    }
+
+    /// Its views, in no particular order.
+    #[must_use]
+    pub fn views(&self) -> &[View] {
+        &self.canvas.views
+    }
+}
+
+/// What a dashboard answers, in one line.
+#[must_use]
+pub fn about(name: &str) -> Option<&'static str> {
+    Some(match name {
+        "overview" => "where the vehicle is and what it is doing: 3-D picture, modes, events",
+        "tracking" => "measured, wanted and true signals: the paper's figures 3, 4 and 6",
+        "adaptation" => "sliding variable, adaptive gains (figure 5), integrator, wrench, chattering",
+        "estimation" => "innovations with their gates, NIS, deviations, disturbance, beams, net plane",
+        "thrusters" => "commands, forces, saturation, requested against allocated wrench",
+        "compare" => {
+            "several runs side by side; only files of `supertwin compare --out` have it, for their runs' names"
+        }
+        "link" => "ages, gaps, rates, step times and deadlines of the services; network recordings only",
+        _ => return None,
+    })
+}
+
+fn tab(name: &str, canvas: &mut Canvas) -> Option<ContainerLike> {
+    Some(match name {
+        "overview" => overview::views(canvas),
+        "tracking" => tracking::views(canvas),
+        "adaptation" => adaptation::views(canvas),
+        "estimation" => estimation::views(canvas),
+        "thrusters" => thrusters::views(canvas),
+        "link" => link::views(canvas),
+        _ => return None,
+    })
+}
+
+/// The content of a `.rbl` file.
+///
+/// # Errors
+/// When Rerun refuses the dashboard.
+pub fn file(dashboard: Dashboard) -> Result<Vec<u8>, String> {
+    Encoder::encode(messages(dashboard)?.into_iter().map(Ok)).map_err(text)
+}
+
+/// What has to be written for the viewer to show `dashboard`, the command that makes it so at the end.
+///
+/// # Errors
+/// When Rerun refuses the dashboard.
+pub fn messages(dashboard: Dashboard) -> Result<Vec<LogMsg>, String> {
+    compose(dashboard).map_err(text)
+}
+
+fn compose(dashboard: Dashboard) -> Result<Vec<LogMsg>, Problem> {
+    let time = TimePanel::new()
+        .with_state(values::PanelState::Collapsed)
+        .with_timeline(crate::TIME)
+        .with_play_state(values::PlayState::Following);
+    let blueprint = Blueprint::new(dashboard.root)
+        .with_auto_views(false)
+        .with_auto_layout(false)
+        .with_blueprint_panel(BlueprintPanel::from_state(values::PanelState::Collapsed))
+        .with_selection_panel(SelectionPanel::from_state(values::PanelState::Collapsed))
+        .with_time_panel(time);
+    let stream = rerun::RecordingStreamBuilder::new(dashboard.application).enabled(true).send_properties(false);
+    let (stream, storage) = stream.memory().map_err(text)?;
+    blueprint.send(&stream, BlueprintActivation::default()).map_err(text)?;
+    let (mut messages, mut activation, mut store) = (Vec::new(), None, None);
+    for message in storage.take() {
+        if message.store_id().kind() != StoreKind::Blueprint {
+            continue;
+        }
+        store.get_or_insert_with(|| message.store_id().clone());
+        match message {
+            LogMsg::BlueprintActivationCommand(_) => activation = Some(message),
+            _ => messages.push(message),
+        }
+    }
+    let (Some(store), Some(activation)) = (store, activation) else {
+        return Err("Rerun wrote no blueprint".to_owned());
+    };
+    let first = TimePoint::default().with(Timeline::new_sequence("blueprint"), 0);
+    for (path, batches) in dashboard.canvas.properties {
+        let chunk = Chunk::builder(path.as_str())
+            .with_serialized_batches(RowId::new(), first.clone(), batches)
+            .build()
+            .map_err(text)?;
+        messages.push(LogMsg::ArrowMsg(store.clone(), chunk.to_arrow_msg().map_err(text)?));
+    }
+    messages.push(activation);
+    Ok(messages)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rerun::external::re_log_encoding::DecoderApp;
+    use rerun::external::re_sdk_types::blueprint::archetypes::ViewBlueprint;
+    use std::collections::BTreeSet;
+
+    fn count(dashboard: &Dashboard, what: &str) -> usize {
+        dashboard.canvas.properties.iter().filter(|(path, _)| path.ends_with(what)).count()
+    }
+
+    #[test]
+    fn every_plot_has_a_time_axis_and_every_picture_an_eye() {
+        let dashboard = Dashboard::all(&About { network: true, ..About::default() });
+        let plots = dashboard.views().iter().filter(|view| !view.curves.is_empty()).count();
+        let lanes = 4;
+        assert_eq!(count(&dashboard, "/TimeAxis"), plots + lanes);
+        assert_eq!(count(&dashboard, "/PlotLegend"), plots);
+        assert_eq!(count(&dashboard, "/EyeControls3D"), 2);
+        let ids: BTreeSet<_> = dashboard.views().iter().map(|view| &view.id).collect();
+        assert_eq!(ids.len(), dashboard.views().len());
+    }
+
+    #[test]
+    fn the_command_that_activates_comes_last() {
+        let about = About { span_s: Some(120.0), ..About::default() };
+        let messages = messages(Dashboard::all(&about)).unwrap();
+        assert!(matches!(messages.last(), Some(LogMsg::BlueprintActivationCommand(_))));
+        let commands = messages.iter().filter(|message| matches!(message, LogMsg::BlueprintActivationCommand(_)));
+        assert_eq!(commands.count(), 1);
+        assert!(messages.iter().all(|message| message.store_id().application_id().as_str() == APPLICATION));
+    }
+
+    #[test]
+    fn what_is_known_of_a_run_comes_from_how_it_begins() {
+        let mut header = RunHeader::default();
+        assert_eq!(About::run(&header), About::default());
+        header.properties.insert("laws".to_owned(), "agsta pid".into());
+        header.properties.insert("placement".to_owned(), "batch".into());
+        header.properties.insert("duration_s".to_owned(), 30.0.into());
+        let laws = vec!["agsta".to_owned(), "pid".to_owned()];
+        assert_eq!(About::run(&header), About { span_s: Some(30.0), laws, ..About::default() });
+        header.properties.insert("placement".to_owned(), "up".into());
+        assert!(About::run(&header).network);
+    }
+
+    /// Titles of the views in a file.
+    fn titles(bytes: &[u8]) -> Vec<String> {
+        let mut titles = Vec::new();
+        for message in DecoderApp::decode_lazy(std::io::Cursor::new(bytes)) {
+            if let LogMsg::ArrowMsg(_, message) = message.unwrap() {
+                let chunk = Chunk::from_arrow_msg(&message).unwrap();
+                let name = ViewBlueprint::descriptor_display_name().component;
+                titles.extend(chunk.iter_slices::<String>(name).flatten().map(|title| title.as_str().to_owned()));
+            }
+        }
+        titles.sort();
+        titles
+    }
+
+    #[test]
+    fn the_files_in_the_folder_dashboards_are_those_that_would_be_written_now() {
+        // Their identifiers are new every time, so they are compared by what they show.
+        for name in NAMES {
+            let path = format!(concat!(env!("CARGO_MANIFEST_DIR"), "/../../dashboards/{}.rbl"), name);
+            let kept = titles(&std::fs::read(&path).unwrap());
+            let now = file(Dashboard::named(name, &About { network: true, ..About::default() }).unwrap()).unwrap();
+            let advice = "supertwin dashboard --save dashboards --force";
+            assert_eq!(kept, titles(&now), "{path} is out of date: {advice}");
+            assert!(!kept.is_empty());
+        }
+    }
+}
