@@ -3,6 +3,8 @@
 use crate::trial::{ControllerConfig, ResolvedTrial};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
+use std::fs::File;
+use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 use toml::{Table, Value};
 
@@ -65,6 +67,8 @@ pub struct Override {
     section: String,
     path: Vec<String>,
     value: Value,
+    /// The value is a factor: what the file says is multiplied by it.
+    times: bool,
 }
 
 /// The files a trial is made of; the first word of an override.
@@ -79,41 +83,92 @@ impl std::str::FromStr for Override {
         let error = |message: String| ConfigError::Override { text: text.to_owned(), message };
         let (path, value) =
             text.split_once('=').ok_or_else(|| error("must be written as section.path=value".to_owned()))?;
-        let mut path = path.trim().split('.').map(str::to_owned);
-        let section = path.next().unwrap_or_default();
-        let path: Vec<String> = path.collect();
-        if !SECTIONS.contains(&section.as_str()) {
-            return Err(error(format!(
-                "section `{section}`: must be one of {}{}",
-                SECTIONS.join(", "),
-                suggestion(&section, SECTIONS.iter().copied())
-            )));
-        }
-        if path.is_empty() || path.iter().any(String::is_empty) {
-            return Err(error("must name a value inside the section, such as trial.seed=2".to_owned()));
-        }
+        let (section, path) = split(path.trim()).map_err(error)?;
         let value = value.trim();
         let value = format!("value = {value}")
             .parse::<Table>()
             .ok()
             .and_then(|mut table| table.remove("value"))
             .unwrap_or_else(|| Value::String(value.to_owned()));
-        Ok(Self { text: text.to_owned(), section, path, value })
+        Ok(Self { text: text.to_owned(), section, path, value, times: false })
     }
 }
 
+/// Section, and path inside it.
+fn split(path: &str) -> Result<(String, Vec<String>), String> {
+    let mut path = path.split('.').map(str::to_owned);
+    let section = path.next().unwrap_or_default();
+    let path: Vec<String> = path.collect();
+    if !SECTIONS.contains(&section.as_str()) {
+        return Err(format!(
+            "section `{section}`: must be one of {}{}",
+            SECTIONS.join(", "),
+            suggestion(&section, SECTIONS.iter().copied())
+        ));
+    }
+    if path.is_empty() || path.iter().any(String::is_empty) {
+        return Err("must name a value inside the section, such as trial.seed=2".to_owned());
+    }
+    Ok((section, path))
+}
+
 impl Override {
+    /// `path` with another value; with `times` the value is a factor of what the file says.
+    ///
+    /// # Errors
+    /// When the path names no value of a section.
+    pub fn new(path: &str, value: Value, times: bool) -> Result<Self, String> {
+        let text = format!("{path}{}={value}", if times { "*" } else { "" });
+        let (section, path) = split(path)?;
+        Ok(Self { text, section, path, value, times })
+    }
+
+    /// `section.path`.
+    #[must_use]
+    pub fn place(&self) -> String {
+        format!("{}.{}", self.section, self.path.join("."))
+    }
+
+    /// The law whose files alone have a place for it; `None` when any controller may.
+    #[must_use]
+    pub fn law(&self) -> Option<&str> {
+        let of_law = self.section == "controller" && self.path.len() > 1 && self.path[0] == "law";
+        of_law.then(|| self.path[1].as_str())
+    }
+
+    /// The value in place of `old`.
+    fn put(&self, old: Option<&Value>) -> Result<Value, String> {
+        if !self.times {
+            return Ok(self.value.clone());
+        }
+        let number = |value: &Value| value.as_float().or_else(|| value.as_integer().map(|n| n as f64));
+        match (old.and_then(number), number(&self.value)) {
+            (Some(old), Some(factor)) => Ok(Value::Float(old * factor)),
+            _ => Err("only a number can be multiplied, and there is none".to_owned()),
+        }
+    }
+
     /// Whether this override has a place in a file: one of a law's parameters has it in the files of that law only, so
     /// that a trial with several controllers can be overridden law by law.
-    fn concerns(&self, table: &Table) -> bool {
-        if self.section != "controller" || self.path.len() < 2 || self.path[0] != "law" {
-            return true;
-        }
-        table.get("law").and_then(Value::as_table).is_none_or(|law| law.contains_key(&self.path[1]))
+    pub(crate) fn concerns(&self, table: &Table) -> bool {
+        let Some(named) = self.law() else { return true };
+        table.get("law").and_then(Value::as_table).is_none_or(|law| law.contains_key(named))
+    }
+
+    /// The file: one of [`SECTIONS`].
+    #[must_use]
+    pub fn section(&self) -> &str {
+        &self.section
+    }
+
+    /// Names from the outside in, below the section.
+    #[must_use]
+    pub fn path(&self) -> &[String] {
+        &self.path
     }
 
     /// Puts the value in its place.
-    fn apply(&self, table: &mut Table) -> Result<(), ConfigError> {
+    pub(crate) fn apply(&self, table: &mut Table) -> Result<(), ConfigError> {
         let error = |message: String| ConfigError::Override { text: self.text.clone(), message };
         let (last, parents) = self.path.split_last().ok_or_else(|| error("must name a value".to_owned()))?;
         let mut here = Value::Table(std::mem::take(table));
@@ -142,12 +197,14 @@ impl Override {
         }
         match cursor {
             Value::Table(table) => {
-                table.insert(last.clone(), self.value.clone());
+                let value = self.put(table.get(last)).map_err(error)?;
+                table.insert(last.clone(), value);
             }
             Value::Array(array) => {
                 let count = array.len();
                 let slot = last.parse::<usize>().ok().and_then(|i| array.get_mut(i));
-                *slot.ok_or_else(|| error(format!("`{last}`: must be an index below {count}")))? = self.value.clone();
+                let slot = slot.ok_or_else(|| error(format!("`{last}`: must be an index below {count}")))?;
+                *slot = self.put(Some(slot)).map_err(error)?;
             }
             _ => return Err(error(format!("`{}` is a value, not a table", parents.join(".")))),
         }
@@ -159,7 +216,7 @@ impl Override {
 }
 
 /// `; did you mean …?` when something known is close enough.
-fn suggestion<'a>(word: &str, known: impl Iterator<Item = &'a str>) -> String {
+pub(crate) fn suggestion<'a>(word: &str, known: impl Iterator<Item = &'a str>) -> String {
     known
         .map(|candidate| (strsim::damerau_levenshtein(word, candidate), candidate))
         .min()
@@ -220,6 +277,19 @@ impl Library {
         &self.root
     }
 
+    /// The overrides of this call.
+    #[must_use]
+    pub fn overrides(&self) -> &[Override] {
+        &self.overrides
+    }
+
+    /// The same folder with further overrides, which come last.
+    #[must_use]
+    pub fn with(&self, overrides: impl IntoIterator<Item = Override>) -> Self {
+        let overrides = self.overrides.iter().cloned().chain(overrides).collect();
+        Self { root: self.root.clone(), overrides }
+    }
+
     /// Path of `name` in `folder`: a name stands for `<root>/<folder>/<name>.toml`, a path for itself.
     #[must_use]
     pub fn path(&self, folder: &str, name: &str) -> PathBuf {
@@ -240,14 +310,14 @@ impl Library {
         names
     }
 
-    /// Reads a file of a section with this call's overrides.
+    /// The text of a file, and its path.
     ///
     /// # Errors
-    /// Names the file, the line and column, the path, the value and the rule.
-    pub fn load<T: DeserializeOwned>(&self, section: &str, folder: &str, name: &str) -> Result<Loaded<T>, ConfigError> {
+    /// Says what there is instead.
+    pub(crate) fn read(&self, section: &str, folder: &str, name: &str) -> Result<(PathBuf, String), ConfigError> {
         let path = self.path(folder, name);
         let shown = path.display().to_string();
-        let text = std::fs::read_to_string(&path).map_err(|cause| match cause.kind() {
+        let text = text_of(&path).map_err(|cause| match cause.kind() {
             std::io::ErrorKind::NotFound => {
                 let known = self.names(folder);
                 if known.is_empty() {
@@ -267,6 +337,16 @@ impl Library {
             }
             _ => ConfigError::Unreadable { path: shown.clone(), cause: cause.to_string() },
         })?;
+        Ok((path, text))
+    }
+
+    /// Reads a file of a section with this call's overrides.
+    ///
+    /// # Errors
+    /// Names the file, the line and column, the path, the value and the rule.
+    pub fn load<T: DeserializeOwned>(&self, section: &str, folder: &str, name: &str) -> Result<Loaded<T>, ConfigError> {
+        let (path, text) = self.read(section, folder, name)?;
+        let shown = path.display().to_string();
         let value: T = parse(&shown, &text)?;
         let mut table: Table = parse(&shown, &text)?;
         let mine: Vec<&Override> =
@@ -284,9 +364,33 @@ impl Library {
     }
 }
 
+/// Most bytes of a configuration file: what names a device or a recording by mistake must not fill the memory.
+const MOST: u64 = 1 << 20;
+
+fn text_of(path: &Path) -> io::Result<String> {
+    let mut text = String::new();
+    File::open(path)?.take(MOST + 1).read_to_string(&mut text)?;
+    if text.len() as u64 > MOST {
+        let rule = format!("must have at most {MOST} bytes; this is no configuration file");
+        return Err(io::Error::new(io::ErrorKind::FileTooLarge, rule));
+    }
+    Ok(text)
+}
+
 fn read<T: DeserializeOwned>(table: Table) -> Result<T, String> {
     serde_path_to_error::deserialize(Value::Table(table))
         .map_err(|error| described(&error.path().to_string(), error.inner().message()))
+}
+
+/// An error at an offset in a text.
+pub(crate) fn at(path: &str, text: &str, offset: usize, message: String) -> ConfigError {
+    let before = &text[..offset.min(text.len())];
+    ConfigError::Place {
+        path: path.to_owned(),
+        line: before.matches('\n').count() + 1,
+        column: before.chars().rev().take_while(|c| *c != '\n').count() + 1,
+        message,
+    }
 }
 
 /// Reads a TOML text; errors point at the place.
@@ -294,16 +398,8 @@ fn read<T: DeserializeOwned>(table: Table) -> Result<T, String> {
 /// # Errors
 /// Names the file, the line and column, the path, the value and the rule.
 pub fn parse<T: for<'de> Deserialize<'de>>(path: &str, text: &str) -> Result<T, ConfigError> {
-    let place = |error: &toml::de::Error, message: String| {
-        let start = error.span().map_or(0, |span| span.start).min(text.len());
-        let before = &text[..start];
-        ConfigError::Place {
-            path: path.to_owned(),
-            line: before.matches('\n').count() + 1,
-            column: before.chars().rev().take_while(|c| *c != '\n').count() + 1,
-            message,
-        }
-    };
+    let place =
+        |error: &toml::de::Error, message: String| at(path, text, error.span().map_or(0, |span| span.start), message);
     let deserializer = toml::Deserializer::parse(text).map_err(|error| place(&error, error.message().to_owned()))?;
     serde_path_to_error::deserialize(deserializer)
         .map_err(|error| place(error.inner(), described(&error.path().to_string(), error.inner().message())))
@@ -312,6 +408,8 @@ pub fn parse<T: for<'de> Deserialize<'de>>(path: &str, text: &str) -> Result<T, 
 /// `path: message`, with a suggestion when a key is unknown.
 fn described(path: &str, message: &str) -> String {
     let message = message.trim();
+    // A value that knows its place is read as if it were a table.
+    let path = &path.replace(".$__serde_spanned_private_value", "");
     let mut quoted = message.split('`').skip(1).step_by(2);
     let hint = if message.starts_with("unknown field") || message.starts_with("unknown variant") {
         quoted.next().map_or_else(String::new, |word| suggestion(word, quoted))
@@ -374,5 +472,21 @@ mod tests {
         let nowhere: Override = "vehicle.outer.gain=2.5".parse().expect("legal");
         let error = nowhere.apply(&mut table).expect_err("nowhere").to_string();
         assert!(error.contains("--set vehicle.outer.gain=2.5: `outer` is not there"), "{error}");
+    }
+
+    #[test]
+    fn a_factor_multiplies_what_the_file_says() {
+        let mut table: Table = "mass_kg = 4\n[inner]\ngain = 3.0\nname = \"x\"\n".parse().expect("TOML");
+        for (path, expected) in [("vehicle.mass_kg", 2.0), ("vehicle.inner.gain", 1.5)] {
+            let half = Override::new(path, Value::Float(0.5), true).expect("legal");
+            assert_eq!((half.place().as_str(), half.law()), (path, None));
+            half.apply(&mut table).expect("applies");
+            let (_, inside) = path.split_once('.').expect("has a section");
+            let value = inside.split('.').try_fold(&Value::Table(table.clone()), |at, key| at.get(key)).cloned();
+            assert_eq!(value.and_then(|value| value.as_float()), Some(expected), "{path}");
+        }
+        let word = Override::new("vehicle.inner.name", Value::Float(0.5), true).expect("legal");
+        let error = word.apply(&mut table).expect_err("a word").to_string();
+        assert!(error.contains("vehicle.inner.name*=0.5: only a number can be multiplied"), "{error}");
     }
 }

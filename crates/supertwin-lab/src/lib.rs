@@ -4,17 +4,31 @@
 //! * [`trial`]: what a trial is, and how its pieces become blocks.
 //! * [`twin`]: the ring of four blocks in lock step, in one process.
 //! * [`run`]: a seeded run from start to scores, into any [`supertwin_core::RunSink`].
+//! * [`sweep`]: campaigns, as lists of such runs.
+//! * [`replay`]: recorded inputs into the blocks again, as they were or with other parameters.
+//! * [`mod@rescore`]: the same scores from any [`supertwin_core::RunSource`].
+//! * [`align`], [`metrics`], [`statistics`], [`limits`]: runs beside each other, what they are compared by, what several
+//!   seeds allow to say, and which runs pass.
 
+pub mod align;
 pub mod config;
+pub mod limits;
+pub mod metrics;
 pub mod mission;
 pub mod paper;
+pub mod replay;
+pub mod rescore;
 pub mod run;
 pub mod score;
+pub mod shadow;
+pub mod statistics;
+pub mod sweep;
 pub mod trial;
 pub mod twin;
 pub mod wire;
 
 pub use config::{ConfigError, Library, Override};
+pub use rescore::{RescoreError, Rescored, rescore};
 pub use run::{RunError, RunOutcome, run};
 pub use score::{Scores, Tracking};
 pub use trial::{ResolvedTrial, TrialConfig};

@@ -6,11 +6,15 @@ use crate::score::{LawSample, Scorer, Scores, Tracking};
 use crate::trial::ResolvedTrial;
 use crate::twin::{NonFinite, Twin};
 use std::borrow::Cow;
+use std::collections::BTreeSet;
+use supertwin_core::check::{Finite, Positive};
 use supertwin_core::command::Command;
 use supertwin_core::digest::{DigestProbe, RunDigest};
-use supertwin_core::run::{Properties, Property, Scene, Severity};
+use supertwin_core::run::{FORMAT, Limits, NisGates, Properties, Property, Scene, Severity, ThrusterPlace};
 use supertwin_core::{Event, Observe, RunHeader, RunSink, SinkError, Tick};
-use supertwin_model::SonarArray;
+use supertwin_gnc::control::LawConfig;
+use supertwin_gnc::estimator::SensorTrust;
+use supertwin_model::{SonarArray, ThrusterConfig};
 use supertwin_plant::cage::Cage;
 
 /// Result of a run.
@@ -59,20 +63,41 @@ pub fn run<S: RunSink>(
     seed: u64,
     sink: &mut S,
     recording: Option<&Properties>,
+    go_on: impl FnMut(u64) -> bool,
+) -> Result<RunOutcome, RunError> {
+    let twin = Twin::new(trial, seed)?;
+    let header = match recording {
+        Some(provenance) => Some(RunHeader {
+            name: run_name(trial, seed),
+            properties: properties(trial, seed, "batch", provenance),
+            scene: scene(trial, seed)?,
+        }),
+        None => None,
+    };
+    play(trial, twin, trial.ticks(), header.as_ref(), sink, |_, _| {}, go_on)
+}
+
+/// Runs `twin` for `ticks` under the mission of `trial`; `before` is called before each step.
+pub(crate) fn play<S: RunSink>(
+    trial: &ResolvedTrial,
+    mut twin: Twin,
+    last: u64,
+    header: Option<&RunHeader>,
+    sink: &mut S,
+    mut before: impl FnMut(&mut Twin, Tick),
     mut go_on: impl FnMut(u64) -> bool,
 ) -> Result<RunOutcome, RunError> {
     let dt_s = trial.trial.tick_s.get();
-    let mut twin = Twin::new(trial, seed)?;
     let mut mission = Mission::new(&trial.trial.mission, dt_s);
-    let mut scorer = Scorer::new(trial.score_from_tick(), trial.ticks(), dt_s);
+    let mut scorer = Scorer::new(trial.score_from_tick(), last, dt_s);
     let mut probe = DigestProbe::default();
     let (mut warnings, mut ticks) = (0, 0);
     let mut refused = Vec::new();
-    if let Some(provenance) = recording {
-        sink.begin(&header(trial, seed, provenance)?)?;
+    if let Some(header) = header {
+        sink.begin(header)?;
     }
-    let recording = recording.is_some();
-    for k in 0..trial.ticks() {
+    let recording = header.is_some();
+    for k in 0..last {
         if k.is_multiple_of(BREATH_TICKS) && !go_on(k) {
             break;
         }
@@ -91,6 +116,7 @@ pub fn run<S: RunSink>(
                 }
             }
         }
+        before(&mut twin, tick);
         twin.step(tick);
         if let Err(error) = twin.digest(tick, &mut probe) {
             if recording {
@@ -122,7 +148,7 @@ pub fn run<S: RunSink>(
         }
         ticks = k + 1;
     }
-    if ticks == trial.ticks() {
+    if ticks == last {
         for (at, command) in mission.rest() {
             warnings += 1;
             let text = format!("never applied, {} s is after the end: {}", *at as f64 * dt_s, said(command));
@@ -139,7 +165,7 @@ pub fn run<S: RunSink>(
         scores: scorer.scores(),
         digest: twin.run_digest(),
         ticks,
-        complete: ticks == trial.ticks(),
+        complete: ticks == last,
         warnings,
         refused,
     };
@@ -166,33 +192,44 @@ fn said(command: &Command) -> String {
 /// Name of a run: trial, controller, seed.
 #[must_use]
 pub fn run_name(trial: &ResolvedTrial, seed: u64) -> String {
+    format!("{}-seed{seed}", base_name(trial))
+}
+
+/// Name of a trial with its controller.
+#[must_use]
+pub fn base_name(trial: &ResolvedTrial) -> String {
     if trial.name == trial.controller_name || trial.name.ends_with(&format!("-{}", trial.controller_name)) {
-        format!("{}-seed{seed}", trial.name)
+        trial.name.clone()
     } else {
-        format!("{}-{}-seed{seed}", trial.name, trial.controller_name)
+        format!("{}-{}", trial.name, trial.controller_name)
     }
 }
 
-/// Everything that is needed to repeat the run, and to draw it.
-fn header(trial: &ResolvedTrial, seed: u64, provenance: &Properties) -> Result<RunHeader, ConfigError> {
+/// Everything that is needed to repeat the run. `placement` says how its services are distributed.
+#[must_use]
+pub fn properties(trial: &ResolvedTrial, seed: u64, placement: &str, provenance: &Properties) -> Properties {
     let mut properties = provenance.clone();
     let mut set = |name: &str, value: Property| properties.insert(name.to_owned(), value);
     set("trial", trial.name.as_str().into());
     set("controller", trial.controller_name.as_str().into());
     set("law", trial.controller.law.name().into());
+    set("laws", laws(trial).join(" ").into());
     set("vehicle", trial.trial.vehicle.as_str().into());
     set("environment", trial.trial.environment.as_str().into());
-    set("placement", "batch".into());
+    set("placement", placement.into());
+    set("format", FORMAT.into());
     set("seed", seed.into());
     set("tick_s", trial.trial.tick_s.get().into());
     set("duration_s", trial.trial.duration_s.get().into());
     set("score_from_s", trial.trial.score.from_s.get().into());
     set("version", env!("CARGO_PKG_VERSION").into());
     set("config", trial.text.as_str().into());
-    Ok(RunHeader { name: run_name(trial, seed), properties, scene: scene(trial, seed)? })
+    properties
 }
 
-fn results(outcome: &RunOutcome) -> Properties {
+/// Scores, hash and counts of a run, as its recording keeps them.
+#[must_use]
+pub fn results(outcome: &RunOutcome) -> Properties {
     let mut properties = outcome.scores.properties();
     properties.insert("hash".to_owned(), outcome.digest.to_string().into());
     properties.insert("ticks".to_owned(), outcome.ticks.into());
@@ -201,8 +238,23 @@ fn results(outcome: &RunOutcome) -> Properties {
     properties
 }
 
-/// The net at rest as rings and verticals, the vehicle as a box.
-fn scene(trial: &ResolvedTrial, seed: u64) -> Result<Scene, ConfigError> {
+/// Every law that can come to command in this run, in alphabetical order.
+fn laws(trial: &ResolvedTrial) -> Vec<&'static str> {
+    let mut names = BTreeSet::new();
+    for config in std::iter::once(&trial.controller).chain(trial.standby.iter().map(|(_, config)| config)) {
+        names.insert(config.law.name());
+        if let LawConfig::External(external) = &config.law {
+            names.insert(external.substitute.name());
+        }
+    }
+    names.into_iter().collect()
+}
+
+/// The net at rest as rings and verticals, the vehicle as a box with its thrusters, and limits.
+///
+/// # Errors
+/// When the pen can't be built.
+pub fn scene(trial: &ResolvedTrial, seed: u64) -> Result<Scene, ConfigError> {
     let config = &trial.environment.cage;
     let cage = Cage::new(config, seed)
         .map_err(|message| ConfigError::Combination { path: trial.path.display().to_string(), message })?;
@@ -218,5 +270,37 @@ fn scene(trial: &ResolvedTrial, seed: u64) -> Result<Scene, ConfigError> {
         net_lines_m: rings.chain(verticals).collect(),
         body_half_size_m: trial.vehicle.size_m.map(|size| size.get() / 2.0),
         beams: SonarArray::new(trial.sensors.dvl.beam_angle_rad.get()).beams().map(Into::into),
+        thrusters: trial.vehicle.thruster.iter().map(thruster).collect(),
+        limits: limits(trial),
     })
+}
+
+fn thruster(config: &ThrusterConfig) -> ThrusterPlace {
+    let direction = config.direction.map(Finite::get);
+    let length = libm::sqrt(direction.iter().map(|x| x * x).sum());
+    ThrusterPlace {
+        position_m: config.position_m.map(Finite::get),
+        direction: direction.map(|x| x / length),
+        max_n: config.max_n.get(),
+    }
+}
+
+fn limits(trial: &ResolvedTrial) -> Limits {
+    let law = match &trial.controller.law {
+        LawConfig::External(external) => &*external.substitute,
+        law => law,
+    };
+    let alpha_tol = match law {
+        LawConfig::Agsta(agsta) => Some(agsta.adaptation.alpha_tol.vector().into()),
+        _ => None,
+    };
+    let trust = &trial.estimator.measurement;
+    let gate = |sensor: &SensorTrust| sensor.gate.map(Positive::get);
+    let nis_gate = NisGates {
+        dvl: gate(&trust.dvl),
+        depth: gate(&trust.depth),
+        heading: gate(&trust.compass),
+        yaw_rate: gate(&trust.gyro),
+    };
+    Limits { alpha_tol, nis_gate }
 }

@@ -28,21 +28,20 @@ pub struct Tracking {
 }
 
 impl Tracking {
+    /// From distance, surge, sway, depth and heading, estimated and true; total speed `√(u² + v²)` follows from them.
+    #[inline(always)]
+    fn of(estimated: [f64; 5], reference: [f64; QUANTITIES], truth: [f64; 5]) -> Self {
+        let with_speed = |[d, u, v, z, psi]: [f64; 5]| [d, libm::sqrt(u * u + v * v), u, v, z, psi];
+        Self { measured: with_speed(estimated), reference, truth: with_speed(truth) }
+    }
+
     /// From the messages of one tick.
     #[must_use]
     pub fn new(nav: &Nav, reference: &Reference, truth: &Truth) -> Self {
-        let speed = |u: f64, v: f64| libm::sqrt(u * u + v * v);
         let (v, t) = (&nav.velocity, &truth.velocity);
-        Self {
-            measured: [
-                nav.net.distance_m,
-                speed(v.surge_m_per_s, v.sway_m_per_s),
-                v.surge_m_per_s,
-                v.sway_m_per_s,
-                nav.depth_m,
-                nav.heading_rad,
-            ],
-            reference: [
+        Self::of(
+            [nav.net.distance_m, v.surge_m_per_s, v.sway_m_per_s, nav.depth_m, nav.heading_rad],
+            [
                 reference.net_distance_m,
                 reference.speed_m_per_s.abs(),
                 reference.surge_m_per_s,
@@ -50,19 +49,43 @@ impl Tracking {
                 reference.depth_m,
                 reference.heading_rad,
             ],
-            truth: [
-                truth.net_distance_m,
-                speed(t.surge_m_per_s, t.sway_m_per_s),
-                t.surge_m_per_s,
-                t.sway_m_per_s,
-                truth.depth_m,
-                truth.heading_rad,
+            [truth.net_distance_m, t.surge_m_per_s, t.sway_m_per_s, truth.depth_m, truth.heading_rad],
+        )
+    }
+
+    /// From what the blocks show, by path; `None` when something is missing.
+    #[must_use]
+    pub fn from_signals<'a>(get: impl Fn(&str) -> Option<&'a [f64]>) -> Option<Self> {
+        let number = |path: &str, i: usize| get(path).and_then(|values| values.get(i)).copied();
+        Some(Self::of(
+            [
+                number("estimator/nav/net", 0)?,
+                number("estimator/nav/velocity", 0)?,
+                number("estimator/nav/velocity", 1)?,
+                number("estimator/nav/pose", 0)?,
+                number("estimator/nav/pose", 1)?,
             ],
-        }
+            [
+                number("guidance/reference/setpoint", 0)?,
+                number("guidance/reference/setpoint", 1)?.abs(),
+                number("guidance/reference/velocity", 0)?,
+                number("guidance/reference/velocity", 1)?,
+                number("guidance/reference/depth", 0)?,
+                number("guidance/reference/heading", 0)?,
+            ],
+            [
+                number("plant/truth/net", 0)?,
+                number("plant/truth/velocity", 0)?,
+                number("plant/truth/velocity", 1)?,
+                number("plant/truth/pose", 2)?,
+                number("plant/truth/pose", 3)?,
+            ],
+        ))
     }
 
     /// `value − reference`, the heading the short way round.
-    fn error(&self, value: &[f64; QUANTITIES]) -> [f64; QUANTITIES] {
+    #[inline(always)]
+    pub(crate) fn error(&self, value: &[f64; QUANTITIES]) -> [f64; QUANTITIES] {
         let mut error: [f64; QUANTITIES] = core::array::from_fn(|i| value[i] - self.reference[i]);
         error[QUANTITIES - 1] = ssa(error[QUANTITIES - 1]);
         error

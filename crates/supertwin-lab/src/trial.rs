@@ -5,7 +5,9 @@ use crate::mission::MissionStep;
 use crate::paper::PaperColumn;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
+use supertwin_core::Property;
 use supertwin_core::check::{Fraction, NonNegative, Positive};
+use supertwin_core::run::Properties;
 use supertwin_gnc::AllocationConfig;
 use supertwin_gnc::control::{ControllerLimits, FallbackConfig};
 use supertwin_gnc::estimator::EstimatorLimits;
@@ -54,6 +56,27 @@ pub struct TrialConfig {
     pub score: ScoreWindow,
     /// Timed commands.
     pub mission: Vec<MissionStep>,
+}
+
+impl TrialConfig {
+    /// # Errors
+    /// The first rule that its own numbers break.
+    pub fn check(&self) -> Result<(), String> {
+        if self.controllers.is_empty() {
+            return Err("controllers = []: must name at least one controller".to_owned());
+        }
+        if !(1..=1000).contains(&self.substeps) {
+            return Err(format!("substeps = {}: must be between 1 and 1000", self.substeps));
+        }
+        if self.tick_s.get() > 1.0 {
+            return Err(format!("tick_s = {}: must be at most 1", self.tick_s.get()));
+        }
+        let (from_s, duration_s) = (self.score.from_s.get(), self.duration_s.get());
+        if from_s >= duration_s {
+            return Err(format!("score.from_s = {from_s}: must be less than duration_s = {duration_s}"));
+        }
+        Ok(())
+    }
 }
 
 /// The part of a run that is scored.
@@ -188,23 +211,7 @@ pub struct ResolvedTrial {
 pub fn load(library: &Library, name: &str) -> Result<Vec<ResolvedTrial>, ConfigError> {
     let trial: Loaded<TrialConfig> = library.load("trial", "trials", name)?;
     let config = &trial.value;
-    let wrong = |message: String| ConfigError::Combination { path: trial.path.display().to_string(), message };
-    if config.controllers.is_empty() {
-        return Err(wrong("controllers = []: must name at least one controller".to_owned()));
-    }
-    if !(1..=1000).contains(&config.substeps) {
-        return Err(wrong(format!("substeps = {}: must be between 1 and 1000", config.substeps)));
-    }
-    if config.tick_s.get() > 1.0 {
-        return Err(wrong(format!("tick_s = {}: must be at most 1", config.tick_s.get())));
-    }
-    if config.score.from_s.get() >= config.duration_s.get() {
-        return Err(wrong(format!(
-            "score.from_s = {}: must be less than duration_s = {}",
-            config.score.from_s.get(),
-            config.duration_s.get()
-        )));
-    }
+    fits(&trial.path, config.check())?;
     let vehicle: Loaded<VehicleConfig> = library.load("vehicle", "vehicles", &config.vehicle)?;
     let environment: Loaded<EnvironmentConfig> = library.load("environment", "environments", &config.environment)?;
     let sensors: Loaded<SensorsConfig> = library.load("sensors", "sensors", &config.sensors)?;
@@ -277,7 +284,80 @@ fn stem(path: &Path) -> String {
     path.file_stem().map_or_else(|| "unnamed".to_owned(), |stem| stem.to_string_lossy().into_owned())
 }
 
+/// [`ResolvedTrial::text`] read again.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Whole {
+    trial: TrialConfig,
+    vehicle: VehicleConfig,
+    environment: EnvironmentConfig,
+    sensors: SensorsConfig,
+    estimator: EstimatorConfig,
+    guidance: GuidanceConfig,
+    safety: SafetyConfig,
+    controller: ControllerConfig,
+    /// In the order of the text.
+    standby: Option<toml::Table>,
+}
+
 impl ResolvedTrial {
+    /// The trial that a recording keeps in its properties: the same run again, with the property `seed`.
+    ///
+    /// # Errors
+    /// Names `place`, the line and the rule, or the property that is missing.
+    pub fn from_properties(run: &Properties, place: &str) -> Result<Self, ConfigError> {
+        let text = |name: &str| match run.get(name) {
+            Some(Property::Text(text)) => Ok(text.as_str()),
+            Some(other) => Err(format!("property {name} = {other:?}: must be a text")),
+            None => Err(format!("property {name} is not there: the run can't be repeated without")),
+        };
+        let text =
+            |name: &str| text(name).map_err(|message| ConfigError::Combination { path: place.to_owned(), message });
+        Self::from_text(text("trial")?, text("controller")?, text("config")?, place)
+    }
+
+    /// A trial from its [`Self::text`].
+    ///
+    /// # Errors
+    /// Names `place`, line, column, path, value and rule.
+    pub fn from_text(name: &str, controller_name: &str, text: &str, place: &str) -> Result<Self, ConfigError> {
+        let whole: Whole = crate::config::parse(place, text)?;
+        let path = PathBuf::from(place);
+        let mut standby = Vec::new();
+        for (name, table) in whole.standby.into_iter().flatten() {
+            let config = table.try_into().map_err(|error: toml::de::Error| ConfigError::Combination {
+                path: place.to_owned(),
+                message: format!("standby.{name}: {}", error.message()),
+            })?;
+            standby.push((name, config));
+        }
+        fits(&path, whole.trial.check())?;
+        fits(&path, whole.vehicle.check())?;
+        fits(&path, whole.environment.check())?;
+        fits(&path, whole.sensors.check())?;
+        fits(&path, whole.guidance.check())?;
+        fits(&path, whole.trial.start.check(whole.environment.cage.radius_m.get()))?;
+        fits(&path, whole.controller.law.check())?;
+        let trial = Self {
+            name: name.to_owned(),
+            places: Places { vehicle: path.clone(), controller: path.clone() },
+            path,
+            trial: whole.trial,
+            vehicle: whole.vehicle,
+            environment: whole.environment,
+            sensors: whole.sensors,
+            estimator: whole.estimator,
+            guidance: whole.guidance,
+            safety: whole.safety,
+            controller_name: controller_name.to_owned(),
+            controller: whole.controller,
+            standby,
+            text: text.to_owned(),
+        };
+        trial.check()?;
+        Ok(trial)
+    }
+
     /// Number of ticks of a run.
     #[must_use]
     pub fn ticks(&self) -> u64 {

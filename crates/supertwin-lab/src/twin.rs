@@ -16,7 +16,7 @@ use supertwin_core::{Block, Event, Observe, OperatorLink, Prev, Probe, Refusal, 
 use supertwin_gnc::control::ControllerSetup;
 use supertwin_gnc::{Allocation, Controller, ControllerInput, Estimator, EstimatorInput, Guidance, GuidanceInput};
 use supertwin_model::{Hydrodynamics, Thrusters};
-use supertwin_plant::{Plant, PlantConfig};
+use supertwin_plant::{Drive, Plant, PlantConfig, Shadow};
 
 /// Events that one tick can have; more are counted.
 const MAX_EVENTS: usize = 16;
@@ -94,6 +94,19 @@ impl Blocks {
     /// # Errors
     /// When pieces that are legal alone do not fit together.
     pub fn new(trial: &ResolvedTrial, seed: u64) -> Result<Self, ConfigError> {
+        Self::build(trial, seed, false)
+    }
+
+    /// The same with a plant that moves as the brain's nominal model says: for one that is driven by the disturbance that
+    /// an estimator with this model has found.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn nominal(trial: &ResolvedTrial, seed: u64) -> Result<Self, ConfigError> {
+        Self::build(trial, seed, true)
+    }
+
+    fn build(trial: &ResolvedTrial, seed: u64, as_nominal: bool) -> Result<Self, ConfigError> {
         let wrong = |place: &Path| {
             let path = place.display().to_string();
             move |message: String| ConfigError::Combination { path: path.clone(), message }
@@ -103,9 +116,10 @@ impl Blocks {
         let dt_s = config.tick_s.get();
         let thrusters =
             Thrusters::new(&vehicle.thruster).map_err(|error| wrong(&trial.places.vehicle)(error.to_string()))?;
+        let nominal = nominal_model(&Hydrodynamics::from(&vehicle.nominal), config.nominal_spread.get(), seed);
         let plant = Plant::new(
             &PlantConfig {
-                dynamics: Hydrodynamics::from(&vehicle.truth),
+                dynamics: if as_nominal { nominal } else { Hydrodynamics::from(&vehicle.truth) },
                 mass_kg: vehicle.truth.rigid_body.mass_kg.get(),
                 height_m: vehicle.size_m[2].get(),
                 thrusters,
@@ -121,7 +135,6 @@ impl Blocks {
             seed,
         )
         .map_err(wrong(&trial.places.vehicle))?;
-        let nominal = nominal_model(&Hydrodynamics::from(&vehicle.nominal), config.nominal_spread.get(), seed);
         let estimator = Estimator::new(
             &trial.estimator,
             nominal,
@@ -144,6 +157,12 @@ impl Blocks {
         .map_err(wrong(&trial.places.controller))?;
         Ok(Self { plant, estimator, guidance, controller })
     }
+
+    /// The plant of these blocks beside a real vehicle.
+    #[must_use]
+    pub fn shadow(self) -> Shadow {
+        Shadow::new(self.plant)
+    }
 }
 
 impl Twin {
@@ -152,8 +171,14 @@ impl Twin {
     /// # Errors
     /// When pieces that are legal alone do not fit together.
     pub fn new(trial: &ResolvedTrial, seed: u64) -> Result<Self, ConfigError> {
-        let Blocks { plant, estimator, guidance, controller } = Blocks::new(trial, seed)?;
-        Ok(Self {
+        Ok(Self::of(Blocks::new(trial, seed)?))
+    }
+
+    /// Wires blocks.
+    #[must_use]
+    pub fn of(blocks: Blocks) -> Self {
+        let Blocks { plant, estimator, guidance, controller } = blocks;
+        Self {
             watches: Watches {
                 plant: Watch::new(&plant),
                 estimator: Watch::new(&estimator),
@@ -175,7 +200,12 @@ impl Twin {
             run_digest: RunDigest::default(),
             events: ArrayVec::new(),
             events_dropped: 0,
-        })
+        }
+    }
+
+    /// From the next step on the plant is driven by this disturbance in the place of its environment.
+    pub fn drive(&mut self, drive: Drive) {
+        self.plant.drive(drive);
     }
 
     /// A command, from now on.
@@ -193,30 +223,16 @@ impl Twin {
     }
 
     fn link(&mut self, tick: Tick, command: &LinkCommand) -> Result<(), Refusal> {
-        let until = |for_s: f64| {
-            if for_s >= 0.0 && for_s.is_finite() {
-                Ok(tick.k + Tick::at_or_after(for_s, tick.dt_s))
-            } else {
-                Err(Refusal(format!("for_s = {for_s}: must be zero or positive, and finite")))
-            }
-        };
+        let until = command.until(tick)?;
         match command {
-            LinkCommand::Withhold { wire, for_s } => {
-                let until = until(*for_s)?;
-                match wire {
-                    WireName::Measurements => self.measurements.cut_until(until),
-                    WireName::Nav => self.nav.cut_until(until),
-                    WireName::Reference => self.reference.cut_until(until),
-                    WireName::Thrust => self.thrust.cut_until(until),
-                }
-            }
-            LinkCommand::OperatorLostForS(for_s) => self.operator_lost_until = until(*for_s)?,
-            LinkCommand::WrenchRequest { request, for_s } => {
-                if !request.to_array().iter().flatten().all(|force| force.is_finite()) {
-                    return Err(Refusal("wrench_request: every force must be finite".to_owned()));
-                }
-                self.requesting = Some((until(*for_s)?, request.clone()));
-            }
+            LinkCommand::Withhold { wire, .. } => match wire {
+                WireName::Measurements => self.measurements.cut_until(until),
+                WireName::Nav => self.nav.cut_until(until),
+                WireName::Reference => self.reference.cut_until(until),
+                WireName::Thrust => self.thrust.cut_until(until),
+            },
+            LinkCommand::OperatorLostForS(_) => self.operator_lost_until = until,
+            LinkCommand::WrenchRequest { request, .. } => self.requesting = Some((until, request.clone())),
         }
         Ok(())
     }
@@ -273,8 +289,11 @@ impl Twin {
         if probe.take_finite() {
             return Ok(self.run_digest.fold(tick, self.digests));
         }
-        let culprit = Snapshot::of(self).first_non_finite();
-        Err(NonFinite { k: tick.k, path: culprit.map_or("an unnamed quantity", |signal| signal.path) })
+        match Snapshot::of(self).first_non_finite() {
+            Some(culprit) => Err(NonFinite { k: tick.k, path: culprit.path }),
+            // Only their sum was none.
+            None => Ok(self.run_digest.fold(tick, self.digests)),
+        }
     }
 
     /// Hashes of plant, estimator, guidance and controller at the last tick.

@@ -49,6 +49,11 @@ impl<M> Wire<M> {
         }
     }
 
+    /// Tick of what the receiver has.
+    pub fn made_at(&self) -> Option<u64> {
+        self.delivered().map(|(made_at, _)| *made_at)
+    }
+
     /// The message of tick `k`, if it got through.
     pub fn fresh(&self, k: u64) -> Option<&M> {
         self.delivered().filter(|(made_at, _)| *made_at == k).map(|(_, message)| message)

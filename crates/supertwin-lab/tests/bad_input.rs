@@ -155,6 +155,12 @@ fn unknown_trials_and_overrides_are_refused_with_what_there_is() {
 }
 
 #[test]
+fn a_file_without_an_end_is_refused() {
+    let error = trial::load(&common::library(&["trial.vehicle=/dev/zero"]), "fair").expect_err("no file").to_string();
+    assert!(error.starts_with("/dev/zero: must have at most 1048576 bytes"), "{error}");
+}
+
+#[test]
 fn every_shipped_trial_is_legal() {
     let library = common::library(&[]);
     let names = library.names("trials");

@@ -7,8 +7,9 @@ use stats_alloc::{INSTRUMENTED_SYSTEM, Region, StatsAlloc};
 use std::alloc::System;
 use supertwin_core::Tick;
 use supertwin_core::digest::DigestProbe;
-use supertwin_lab::Twin;
 use supertwin_lab::mission::Mission;
+use supertwin_lab::{Blocks, Twin};
+use supertwin_plant::Drive;
 
 #[global_allocator]
 static ALLOCATOR: &StatsAlloc<System> = &INSTRUMENTED_SYSTEM;
@@ -35,6 +36,17 @@ fn no_step_allocates_after_the_first_tick() {
                 }
             }
             assert_eq!(allocated, 0, "{name}/{}", trial.controller_name);
+
+            let mut driven = Twin::of(Blocks::nominal(&trial, 1).expect("legal"));
+            driven.step(Tick { k: 0, dt_s: 0.02 });
+            let region = Region::new(ALLOCATOR);
+            for k in 1..500 {
+                driven.drive(Drive { force_ned_n: [3.0, -2.0, 1.0], yaw_nm: 0.1 });
+                driven.step(Tick { k, dt_s: 0.02 });
+            }
+            let change = region.change();
+            let allocated = change.allocations + change.reallocations + change.deallocations;
+            assert_eq!(allocated, 0, "{name}/{}, driven", trial.controller_name);
         }
     }
 }

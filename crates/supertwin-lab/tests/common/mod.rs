@@ -1,6 +1,8 @@
 //! What the tests of the lab share: the shipped configuration, and sinks that listen.
 #![allow(dead_code, unreachable_pub, reason = "each test file uses its part")]
 
+pub mod kept;
+
 use supertwin_core::run::Properties;
 use supertwin_core::{Event, NoSink, Probe, RunHeader, RunSink, Signal, SinkError, Tick};
 use supertwin_lab::{Library, Override, ResolvedTrial, RunOutcome, Scores, run, trial};

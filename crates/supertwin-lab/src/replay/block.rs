@@ -1,0 +1,409 @@
+//! One block, fed again with what it had: the messages, commands and restarts of every instance of it.
+
+use super::plan::{Instance, Part, Step};
+use super::track::Track;
+use super::{Inexact, Messages};
+use crate::Blocks;
+use std::borrow::Cow;
+use std::collections::BTreeSet;
+use supertwin_core::command::{Command, ControllerCommand};
+use supertwin_core::digest::{DigestProbe, block_digest};
+use supertwin_core::message::Thrust;
+use supertwin_core::port::PortVisitor;
+use supertwin_core::run::Severity;
+use supertwin_core::{Block, Event, Message, OperatorLink, Port, Tick, Watch, Wired};
+use supertwin_gnc::{Controller, Estimator, Guidance};
+use supertwin_plant::Plant;
+
+/// Steps that are made up for where the recording has none; more of them lead nowhere.
+const MOST_UNTOLD: u64 = 5000;
+
+/// A block of the ring that can be replayed.
+pub(crate) trait Replayed: Wired<Ports: Clone> + Clone {
+    /// Its place in the ring.
+    const PLACE: usize;
+    /// Itself.
+    fn of(blocks: Blocks) -> Self;
+    /// The command, if it is one of its own.
+    fn mine(command: &Command) -> Option<&Self::Command>;
+    /// Takes over what a predecessor in another run left it, which its first output shows.
+    fn take_over(&mut self, tick: Tick, first: &Self::Out) {
+        let _ = (tick, first);
+    }
+}
+
+impl Replayed for Plant {
+    const PLACE: usize = 0;
+    fn of(blocks: Blocks) -> Self {
+        blocks.plant
+    }
+    fn mine(command: &Command) -> Option<&Self::Command> {
+        if let Command::Plant(command) = command { Some(command) } else { None }
+    }
+}
+
+impl Replayed for Estimator {
+    const PLACE: usize = 1;
+    fn of(blocks: Blocks) -> Self {
+        blocks.estimator
+    }
+    fn mine(command: &Command) -> Option<&Self::Command> {
+        if let Command::Estimator(command) = command { Some(command) } else { None }
+    }
+}
+
+impl Replayed for Guidance {
+    const PLACE: usize = 2;
+    fn of(blocks: Blocks) -> Self {
+        blocks.guidance
+    }
+    fn mine(command: &Command) -> Option<&Self::Command> {
+        if let Command::Guidance(command) = command { Some(command) } else { None }
+    }
+}
+
+impl Replayed for Controller {
+    const PLACE: usize = 3;
+    fn of(blocks: Blocks) -> Self {
+        blocks.controller
+    }
+    fn mine(command: &Command) -> Option<&Self::Command> {
+        if let Command::Controller(command) = command { Some(command) } else { None }
+    }
+    /// An emergency in force outlives a run. Whether it came from there, from the thrust that was found or from a
+    /// command of the first tick: demanded before the first step, it is in force in it in each of these cases.
+    fn take_over(&mut self, tick: Tick, first: &Thrust) {
+        if first.emergency_neutral {
+            // Is never refused.
+            let _ = self.command(tick, &ControllerCommand::Neutral(true));
+        }
+    }
+}
+
+/// What became of one block.
+#[derive(Clone, Debug)]
+pub(crate) struct Played {
+    pub(crate) track: Track,
+    /// Steps that were replayed.
+    pub(crate) steps: u64,
+    pub(crate) instances: u64,
+    /// Ticks of steps that must be equal in every bit.
+    pub(crate) compared: BTreeSet<u64>,
+    pub(crate) inexact: Vec<Inexact>,
+    /// The hash of this tick is another one than the recorded one, and nothing explains that.
+    pub(crate) digest_differs: Option<u64>,
+    /// Hashes of the steps.
+    pub(crate) digests: Vec<(u64, u64)>,
+    /// Commands that applied in the run and are refused now.
+    pub(crate) refused: Vec<Event>,
+}
+
+/// How a block is replayed.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct How {
+    pub(crate) tick_s: f64,
+    /// Its outputs take the place of those that were recorded.
+    pub(crate) anew: bool,
+}
+
+/// Which messages steps used that nothing was told of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Untold {
+    /// Each what was the newest at its tick.
+    Newest,
+    /// All what the next one used: they were done one after the other, and nothing arrived in between.
+    AsNext,
+}
+
+/// A block with its wires, on its way.
+struct State<B: Replayed> {
+    block: B,
+    ports: B::Ports,
+    watch: Watch,
+    /// Who wrote last on each port.
+    writers: Vec<String>,
+    /// The next command.
+    command: usize,
+}
+
+impl<B: Replayed> Clone for State<B> {
+    fn clone(&self) -> Self {
+        Self {
+            block: self.block.clone(),
+            ports: self.ports.clone(),
+            watch: self.watch.clone(),
+            writers: self.writers.clone(),
+            command: self.command,
+        }
+    }
+}
+
+/// Puts the messages that a step used into the ports.
+struct Feed<'a> {
+    messages: &'a Messages,
+    /// Ticks by key; without it, what was the newest at this tick.
+    used: Option<&'a [(String, Vec<u64>)]>,
+    k: u64,
+    at: usize,
+    writers: &'a mut Vec<String>,
+    missing: Option<(&'static str, u64)>,
+}
+
+impl PortVisitor for Feed<'_> {
+    fn port<M: Message>(&mut self, port: &mut Port<M>) {
+        let at = self.at;
+        self.at += 1;
+        if self.writers.len() <= at {
+            self.writers.push(String::new());
+        }
+        let ticks = match self.used {
+            Some(used) => {
+                used.iter().find(|(key, _)| key == M::KEY).map(|(_, ticks)| ticks.clone()).unwrap_or_default()
+            }
+            None => {
+                let Some(until) = port.expected(self.k) else { return };
+                let mut ticks = self.messages.ticks::<M>(port.made_at(), until);
+                ticks.drain(..ticks.len().saturating_sub(port.rule().keep));
+                ticks
+            }
+        };
+        for tick in ticks {
+            // What is held was offered before.
+            if port.made_at() == Some(tick) {
+                continue;
+            }
+            let message = self.messages.at::<M>(tick, &self.writers[at]);
+            match message {
+                Some((source, message)) if port.made_at().is_none_or(|made_at| tick > made_at) => {
+                    self.writers[at].clone_from(source);
+                    port.offer(tick, message.clone());
+                }
+                _ => self.missing = self.missing.or(Some((M::KEY, tick))),
+            }
+        }
+    }
+}
+
+struct Stepped;
+impl PortVisitor for Stepped {
+    fn port<M: Message>(&mut self, port: &mut Port<M>) {
+        port.stepped();
+    }
+}
+
+/// What one step came to.
+struct Done<O> {
+    out: O,
+    events: Vec<Event>,
+    missing: Option<(&'static str, u64)>,
+}
+
+/// One way to come to a step that was told.
+struct Attempt<B: Replayed> {
+    state: State<B>,
+    done: Done<B::Out>,
+    digest: u64,
+    /// Outputs of the steps before it that were not told.
+    filled: Vec<(u64, B::Out)>,
+}
+
+impl<B: Replayed> State<B> {
+    fn new(block: B) -> Self {
+        Self { watch: Watch::new(&block), ports: B::ports(), block, writers: Vec::new(), command: 0 }
+    }
+
+    fn step(
+        &mut self,
+        tick: Tick,
+        used: Option<&[(String, Vec<u64>)]>,
+        operator: OperatorLink,
+        messages: &Messages,
+        commands: &[(u64, Command)],
+    ) -> Done<B::Out> {
+        let mut events = Vec::new();
+        while let Some((_, command)) = commands.get(self.command).filter(|(at, _)| *at <= tick.k) {
+            self.command += 1;
+            let Some(command) = B::mine(command) else { continue };
+            if let Err(refusal) = self.block.command(tick, command) {
+                let said = serde_json::to_string(command).unwrap_or_default();
+                let text = Cow::Owned(format!("command refused: {said}: {refusal}"));
+                let service = Cow::Borrowed(B::NAME);
+                events.push(Event { tick: tick.k, service, severity: Severity::Error, text });
+            }
+        }
+        let mut feed = Feed { messages, used, k: tick.k, at: 0, writers: &mut self.writers, missing: None };
+        B::visit(&mut self.ports, &mut feed);
+        let missing = feed.missing;
+        let out = self.block.step(tick, B::input(&self.ports, tick, operator));
+        B::visit(&mut self.ports, &mut Stepped);
+        self.watch.after(tick, &self.block, &out, |event| events.push(event));
+        Done { out, events, missing }
+    }
+}
+
+/// Replays all instances of a block. `build` gives the block of one of them.
+pub(crate) fn play<B: Replayed, E>(
+    part: &Part,
+    messages: &mut Messages,
+    how: How,
+    mut build: impl FnMut(&Instance) -> Result<B, E>,
+) -> Result<Played, E> {
+    let mut played = Played {
+        track: Track::new(B::NAME, how.tick_s),
+        steps: 0,
+        instances: 0,
+        compared: BTreeSet::new(),
+        inexact: Vec::new(),
+        digest_differs: None,
+        digests: Vec::new(),
+        refused: Vec::new(),
+    };
+    for instance in &part.instances {
+        let block = build(instance)?;
+        play_instance(block, instance, &part.commands, messages, how, &mut played);
+        played.instances += 1;
+    }
+    Ok(played)
+}
+
+fn play_instance<B: Replayed>(
+    block: B,
+    instance: &Instance,
+    commands: &[(u64, Command)],
+    messages: &mut Messages,
+    how: How,
+    played: &mut Played,
+) {
+    let tick = |k: u64| Tick { k, dt_s: how.tick_s };
+    let mut present = Some(State::new(block));
+    let mut probe = DigestProbe::default();
+    let mut doubt: Option<String> = None;
+    let mut before: Option<&Step> = None;
+    for step in &instance.steps {
+        let Some(mut state) = present.take() else { return };
+        played.steps += 1;
+        let untold = match before {
+            None => {
+                // What applied before it began was for a predecessor.
+                state.command = commands.partition_point(|(at, _)| *at < step.tick);
+                if let Some((_, first)) = messages.at::<B::Out>(step.tick, &instance.source) {
+                    state.block.take_over(tick(step.tick), first);
+                }
+                let known = step.steps.unwrap_or(step.seq);
+                if known > 1 {
+                    doubt = Some(format!("its first {} steps are not in the recording", known - 1));
+                }
+                None
+            }
+            Some(before) => untold(before, step, B::OWNS_TIME),
+        };
+        // Of several ways to fill what was not told the one is taken that leads to the recorded hash.
+        let ways: &[Untold] = match &untold {
+            None => &[Untold::Newest],
+            Some(_) if B::OWNS_TIME => &[Untold::AsNext, Untold::Newest],
+            Some(_) => &[Untold::Newest, Untold::AsNext],
+        };
+        let mut chosen: Option<Attempt<B>> = None;
+        let mut only = None;
+        if ways.len() == 1 {
+            only = Some(state);
+        } else {
+            present = Some(state);
+        }
+        for way in ways {
+            let Some(mut state) = only.take().or_else(|| present.clone()) else { continue };
+            let mut filled = Vec::new();
+            let mut lacking = None;
+            let mut events = Vec::new();
+            for k in untold.iter().flat_map(|untold| untold.ticks.clone()) {
+                let used = (*way == Untold::AsNext).then_some(step.used.as_slice());
+                let done = state.step(tick(k), used, step.operator, messages, commands);
+                lacking = lacking.or(done.missing);
+                events.extend(done.events);
+                filled.push((k, done.out));
+            }
+            let mut done = state.step(tick(step.tick), Some(&step.used), step.operator, messages, commands);
+            done.missing = lacking.or(done.missing);
+            events.append(&mut done.events);
+            done.events = events;
+            let digest = block_digest(&mut probe, &state.block, &done.out);
+            probe.take_finite();
+            let equal = step.digest == Some(digest);
+            if chosen.is_none() || equal {
+                chosen = Some(Attempt { state, done, digest, filled });
+            }
+            if equal || how.anew {
+                break;
+            }
+        }
+        let Some(Attempt { state, done, digest, filled }) = chosen else { return };
+        let equal = step.digest.map(|recorded| recorded == digest);
+        if let Some((key, at)) = done.missing {
+            doubt.get_or_insert_with(|| format!("the message of {key} at tick {at} is not in the recording"));
+        }
+        if let Some(untold) = untold.filter(|_| equal != Some(true)) {
+            doubt.get_or_insert(untold.why);
+        }
+        if equal == Some(true) || (equal.is_none() && doubt.is_none()) {
+            played.compared.insert(step.tick);
+        } else if let Some(why) = &doubt {
+            match played.inexact.last_mut() {
+                Some(last) if last.why == *why && before.is_some_and(|before| before.tick == last.to_tick) => {
+                    last.to_tick = step.tick;
+                }
+                _ => played.inexact.push(Inexact { from_tick: step.tick, to_tick: step.tick, why: why.clone() }),
+            }
+        } else {
+            // It must be equal, and is not.
+            played.compared.insert(step.tick);
+            played.digest_differs = Some(played.digest_differs.map_or(step.tick, |tick| tick.min(step.tick)));
+            doubt = Some(format!("it differs from the recording at tick {} already", step.tick));
+        }
+        played.track.show(step.tick, &state.block, &done.out);
+        played.digests.push((step.tick, digest));
+        for event in done.events {
+            let refused = event.severity == Severity::Error && event.text.starts_with("command refused");
+            if refused {
+                played.refused.push(event.clone());
+            }
+            played.track.events.push(event);
+        }
+        if how.anew {
+            for (k, out) in filled {
+                // Telemetry may be thinned out where the wire is not.
+                if messages.at::<B::Out>(k, "").is_some() {
+                    messages.put(k, out);
+                }
+            }
+            messages.put(step.tick, done.out);
+        }
+        before = Some(step);
+        present = Some(state);
+    }
+}
+
+/// Steps between two that were told.
+struct Between {
+    ticks: core::ops::Range<u64>,
+    why: String,
+}
+
+fn untold(before: &Step, step: &Step, owns_time: bool) -> Option<Between> {
+    let lost = step.seq.saturating_sub(before.seq + 1);
+    let steps = match (before.steps, step.steps) {
+        (Some(before), Some(now)) => now.saturating_sub(before + 1),
+        _ => lost,
+    };
+    if steps == 0 {
+        return None;
+    }
+    let why = if lost > 0 {
+        format!("{lost} messages of telemetry before tick {} are not in the recording", step.tick)
+    } else if owns_time {
+        format!("{steps} steps before tick {} were late, and nothing was sent of them", step.tick)
+    } else {
+        format!("{steps} steps before tick {} were not told by telemetry", step.tick)
+    };
+    let from = (before.tick + 1).max(step.tick.saturating_sub(steps.min(MOST_UNTOLD)));
+    Some(Between { ticks: from..step.tick, why })
+}

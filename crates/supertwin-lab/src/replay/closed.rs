@@ -1,0 +1,184 @@
+//! The whole ring again, with a plant that is driven by the disturbance which the estimator found in a recording.
+//!
+//! The estimator explains the measured motion by `M ν̇ + C(ν) ν + D(ν) ν + g = τ + b` with its own nominal model. A plant
+//! that obeys this equation and is driven by the recorded `b` moves as the recorded vehicle did, as far as the filter could
+//! follow, when it gets the recorded thrust; with other thrust it moves as that vehicle would have if `b` had been the
+//! same. That is an approximation, good near the recorded motion:
+//!
+//! * `b` is what a filter makes of it: what is faster than the filter (a wave, a thruster's lag) is damped and late.
+//! * `b` is taken as fixed in space and time. A vehicle at another place, depth or speed would have met another drag.
+//! * Nothing but the net, the sensors and the thrusters is left of the trial's plant: no current, no waves, no tether.
+
+use super::change::Changed;
+use super::{Replay, ReplayError};
+use crate::run::{self, RunOutcome, play};
+use crate::twin::{Blocks, Twin};
+use std::borrow::Cow;
+use supertwin_core::command::{Command, LinkCommand};
+use supertwin_core::message::WrenchRequest;
+use supertwin_core::run::{Properties, Severity};
+use supertwin_core::source::Columns;
+use supertwin_core::{Event, OperatorLink, RunHeader, RunSink, RunSource, Wrench};
+use supertwin_plant::Drive;
+
+/// Path of the disturbance.
+const DISTURBANCE: &str = "estimator/nav/disturbance";
+/// Path of the depth and heading at which it was found.
+const POSE: &str = "estimator/nav/pose";
+
+/// What became of a run in a closed loop.
+#[derive(Clone, Debug)]
+pub struct Closed {
+    /// Scores and hash.
+    pub outcome: RunOutcome,
+    /// Ticks at which no disturbance was recorded, or none that is a number: the last one went on.
+    pub held: u64,
+}
+
+/// The recorded disturbance tick by tick.
+struct Recorded<'a> {
+    disturbance: &'a Columns,
+    pose: &'a Columns,
+    last: Drive,
+    held: u64,
+}
+
+impl Recorded<'_> {
+    fn at(&mut self, tick: u64) -> Drive {
+        let row = |columns: &Columns| columns.at(tick.cast_signed()).map(<[f64]>::to_vec);
+        let found = row(self.disturbance).zip(row(self.pose)).and_then(|(b, pose)| {
+            let b: [f64; 4] = b.try_into().ok()?;
+            let heading_rad = *pose.get(1)?;
+            let usable = b.iter().chain([&heading_rad]).all(|x| x.is_finite());
+            usable.then(|| Drive::from_body(&Wrench::from(b), heading_rad))
+        });
+        match found {
+            Some(drive) => self.last = drive,
+            None => self.held += 1,
+        }
+        self.last
+    }
+}
+
+impl<S: RunSource> Replay<'_, S> {
+    /// Ticks of a run in a closed loop.
+    #[must_use]
+    pub fn closed_ticks(&self) -> u64 {
+        self.plan.last() + 1
+    }
+
+    /// The ring in a closed loop, from the start of the recorded trial on, under the commands that applied in the run;
+    /// `go_on` as in [`crate::run()`].
+    ///
+    /// # Errors
+    /// When a change breaks a rule, no disturbance was recorded, or the sink can't keep the run.
+    pub fn closed_loop(
+        &self,
+        changed: &Changed,
+        provenance: &Properties,
+        sink: &mut impl RunSink,
+        go_on: impl FnMut(u64) -> bool,
+    ) -> Result<Closed, ReplayError> {
+        let columns = |path: &str, width: usize| {
+            let columns = self.source.signals().get(path).filter(|columns| columns.width == width);
+            columns.ok_or_else(|| {
+                let run = self.source.name();
+                ReplayError::Change(format!("{run}: {path} was not recorded: a closed loop needs it"))
+            })
+        };
+        let mut recorded = Recorded {
+            disturbance: columns(DISTURBANCE, 4)?,
+            pose: columns(POSE, 2)?,
+            last: Drive::default(),
+            held: 0,
+        };
+        let mut trial = changed.apply(&self.trial)?;
+        let properties = self.about(&trial, changed, "closed loop", provenance)?;
+        trial = super::what_if::with_commands(&trial, &self.plan)?;
+        if !self.plan.batch {
+            self.links(&mut trial);
+        }
+        let seed = self.seed();
+        let header = RunHeader {
+            name: format!("{}-closed-loop", self.source.name()),
+            properties,
+            scene: run::scene(&trial, seed)?,
+        };
+        let twin = Twin::of(Blocks::nominal(&trial, seed)?);
+        let ticks = self.closed_ticks();
+        let mut sink = Announced { sink, text: Some(self.announcement(changed)) };
+        let outcome =
+            play(&trial, twin, ticks, Some(&header), &mut sink, |twin, tick| twin.drive(recorded.at(tick.k)), go_on)?;
+        Ok(Closed { outcome, held: recorded.held })
+    }
+
+    fn announcement(&self, changed: &Changed) -> String {
+        format!(
+            "replay of {} in a closed loop: the plant has the estimator's nominal model and is driven by the disturbance \
+             that was found in the recording, in the place of current, waves and tether; changed: {}",
+            self.source.name(),
+            if changed.is_nothing() { "nothing".to_owned() } else { changed.words.join("; ") }
+        )
+    }
+
+    /// What came over the network beside commands: an operator who was lost, an external controller.
+    fn links(&self, trial: &mut crate::ResolvedTrial) {
+        let dt_s = self.plan.tick_s;
+        let mut add = |tick: u64, command: LinkCommand| {
+            if let Ok(at_s) = (tick as f64 * dt_s).try_into() {
+                trial.trial.mission.push(crate::mission::MissionStep { at_s, command: Command::Link(command) });
+            }
+        };
+        let guidance = &self.plan.parts[2];
+        for step in guidance.instances.iter().flat_map(|instance| &instance.steps) {
+            if step.operator == OperatorLink::Lost {
+                add(step.tick, LinkCommand::OperatorLostForS(dt_s));
+            }
+        }
+        for tick in self.messages.ticks::<WrenchRequest>(None, self.plan.last()) {
+            if let Some((_, request)) = self.messages.at::<WrenchRequest>(tick, "") {
+                add(tick, LinkCommand::WrenchRequest { request: request.clone(), for_s: dt_s });
+            }
+        }
+    }
+}
+
+/// Says at the first tick what kind of run this is.
+struct Announced<'a, S> {
+    sink: &'a mut S,
+    text: Option<String>,
+}
+
+impl<S: RunSink> supertwin_core::Probe for Announced<'_, S> {
+    fn vector(&mut self, signal: &'static supertwin_core::Signal, values: &[f64]) {
+        self.sink.vector(signal, values);
+    }
+    fn label(&mut self, signal: &'static supertwin_core::Signal, value: &'static str) {
+        self.sink.label(signal, value);
+    }
+}
+
+impl<S: RunSink> RunSink for Announced<'_, S> {
+    fn begin(&mut self, header: &RunHeader) -> Result<(), supertwin_core::SinkError> {
+        self.sink.begin(header)
+    }
+    fn tick(&mut self, tick: supertwin_core::Tick) -> Result<(), supertwin_core::SinkError> {
+        self.sink.tick(tick)?;
+        if let Some(text) = self.text.take() {
+            let text = Cow::Owned(text);
+            self.sink.event(&Event {
+                tick: tick.k,
+                service: Cow::Borrowed("replay"),
+                severity: Severity::Info,
+                text,
+            })?;
+        }
+        Ok(())
+    }
+    fn event(&mut self, event: &Event) -> Result<(), supertwin_core::SinkError> {
+        self.sink.event(event)
+    }
+    fn finish(&mut self, results: &Properties) -> Result<(), supertwin_core::SinkError> {
+        self.sink.finish(results)
+    }
+}

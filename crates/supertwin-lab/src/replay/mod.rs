@@ -1,0 +1,382 @@
+//! Replay: the recorded inputs of a block into it again.
+//!
+//! * Nothing changed, each block from its recorded inputs: [`Replay::verify`]. Every state and output must have the bits
+//!   that were recorded.
+//! * Something changed, the chain from one block on run anew on recorded inputs: [`Replay::what_if`]. Open loop: the
+//!   vehicle does not react.
+//! * The plant driven by the disturbance that the estimator found in the recording: [`closed::run`]. Closed loop.
+//!
+//! What a block did is taken from the recording: over a network the account of every step says which messages it used,
+//! and commands with their ticks are recorded; a run of one process is repeated from its mission. Exact bytes of messages
+//! are decoded by whoever knows the codec and handed over as [`Messages`].
+
+mod block;
+mod change;
+pub mod closed;
+mod messages;
+mod plan;
+mod track;
+mod what_if;
+
+pub use change::{Changed, FromBlock};
+pub use messages::Messages;
+pub use plan::RING;
+pub use what_if::WhatIf;
+
+use crate::config::ConfigError;
+use crate::trial::ResolvedTrial;
+use crate::twin::Blocks;
+use block::{How, Played, Replayed, play};
+use plan::{Instance, Plan};
+use serde::Serialize;
+use std::collections::BTreeMap;
+use supertwin_core::digest::RunDigest;
+use supertwin_core::run::Properties;
+use supertwin_core::{Property, RunSource, Tick};
+use supertwin_gnc::{Controller, Estimator, Guidance};
+use supertwin_plant::Plant;
+
+/// A recording that can't be replayed.
+#[derive(Debug, thiserror::Error)]
+pub enum ReplayError {
+    /// The configuration in its properties can't be used.
+    #[error(transparent)]
+    Config(#[from] ConfigError),
+    /// A property is missing or is no number.
+    #[error("{run}: property {name} is not there or not a number: the run can't be repeated without")]
+    Property {
+        /// The run.
+        run: String,
+        /// The property.
+        name: &'static str,
+    },
+    /// Nothing that could be replayed.
+    #[error("{run}: no step of any block was recorded")]
+    Nothing {
+        /// The run.
+        run: String,
+    },
+    /// Words of the recording that are not what they should be.
+    #[error("{run}: {path} at tick {tick}: {cause}")]
+    Account {
+        /// The run.
+        run: String,
+        /// Where.
+        path: String,
+        /// When.
+        tick: i64,
+        /// What is wrong.
+        cause: String,
+    },
+    /// The recorded signals are not those of the recorded configuration.
+    #[error(
+        "{run}: recorded of another vehicle: {path} has {width} components, its configuration has {expected} thrusters"
+    )]
+    OtherVehicle {
+        /// The run.
+        run: String,
+        /// Which signal.
+        path: &'static str,
+        /// As recorded.
+        width: usize,
+        /// As configured.
+        expected: usize,
+    },
+    /// The recording is the result of a replay.
+    #[error(
+        "{run}: is a replay itself, in which not every block had the inputs that are recorded; replay {of} instead"
+    )]
+    Twice {
+        /// The run.
+        run: String,
+        /// The original.
+        of: String,
+    },
+    /// The run over a network is missing the accounts.
+    #[error(
+        "{run}: nothing says which messages {service} used (step/{service}): recorded without telemetry, or by an older program"
+    )]
+    NoAccount {
+        /// The run.
+        run: String,
+        /// The block.
+        service: &'static str,
+    },
+    /// What was asked for has no effect on what is replayed.
+    #[error("{0}")]
+    Change(String),
+    /// The result can't be written.
+    #[error(transparent)]
+    Sink(#[from] supertwin_core::SinkError),
+    /// The run in a closed loop could not be done.
+    #[error(transparent)]
+    Run(#[from] crate::RunError),
+}
+
+/// A place where a replay is not what was recorded.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Difference {
+    /// Whose.
+    pub service: String,
+    /// When.
+    pub tick: u64,
+    /// Path of the signal or label, or what else differs.
+    pub signal: String,
+    /// Its component; empty for a scalar or for all of it.
+    pub component: String,
+    /// As recorded.
+    pub recorded: String,
+    /// As replayed.
+    pub replayed: String,
+}
+
+impl core::fmt::Display for Difference {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        write!(f, "tick {}: {}", self.tick, self.signal)?;
+        if !self.component.is_empty() {
+            write!(f, " ({})", self.component)?;
+        }
+        write!(f, ": recorded {}, replayed {}", self.recorded, self.replayed)
+    }
+}
+
+/// Steps whose inputs or state the recording does not have.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Inexact {
+    /// From here …
+    pub from_tick: u64,
+    /// … to here.
+    pub to_tick: u64,
+    /// Why.
+    pub why: String,
+}
+
+/// What became of one block.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct BlockVerdict {
+    /// Which.
+    pub service: &'static str,
+    /// How many times it began: once, and once more for each restart.
+    pub instances: u64,
+    /// Steps that were replayed.
+    pub steps: u64,
+    /// Steps that were compared with the recording.
+    pub compared: u64,
+    /// Steps that could not be compared, and why.
+    pub inexact: Vec<Inexact>,
+    /// The first place where it is not as recorded.
+    pub difference: Option<Difference>,
+}
+
+/// What became of a replay with nothing changed.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Verification {
+    /// Nothing differs, and something of every block was compared.
+    pub equal: bool,
+    /// The first place where a block is not as recorded; of one tick, that of the block that comes first in the ring.
+    pub first: Option<Difference>,
+    /// Block by block, in the order of the ring.
+    pub blocks: Vec<BlockVerdict>,
+    /// The hash over all blocks and ticks equals the one that the run left; `None` when there is none to compare.
+    pub hash: Option<bool>,
+    /// Messages without exact bytes that were rebuilt from signals, by wire; all of them in a run of one process.
+    pub rebuilt: BTreeMap<&'static str, u64>,
+}
+
+/// A recording, ready to be replayed.
+#[derive(Debug)]
+pub struct Replay<'a, S> {
+    source: &'a S,
+    trial: ResolvedTrial,
+    plan: Plan,
+    messages: Messages,
+    rebuilt: BTreeMap<&'static str, u64>,
+}
+
+impl<'a, S: RunSource> Replay<'a, S> {
+    /// Takes a recording apart. `messages` are those whose exact bytes it has, decoded.
+    ///
+    /// # Errors
+    /// When the recording does not say what was run, or how.
+    pub fn new(source: &'a S, mut messages: Messages) -> Result<Self, ReplayError> {
+        let run = source.name().to_owned();
+        let empty = Properties::new();
+        let properties = source.properties().get("run").unwrap_or(&empty);
+        if let Some(Property::Text(of)) = properties.get("replay_of") {
+            return Err(ReplayError::Twice { run, of: of.clone() });
+        }
+        let trial = ResolvedTrial::from_properties(properties, &format!("{run}: property config"))?;
+        let Some(&Property::Number(tick_s)) = properties.get("tick_s") else {
+            return Err(ReplayError::Property { run, name: "tick_s" });
+        };
+        if !matches!(properties.get("seed"), Some(Property::Integer(_))) {
+            return Err(ReplayError::Property { run, name: "seed" });
+        }
+        let path = "controller/thrust/force";
+        let expected = trial.vehicle.thruster.len();
+        let force = source.signals().get(path).filter(|columns| !columns.tick.is_empty());
+        let width = force.map_or(expected, |columns| columns.width);
+        if width != expected {
+            return Err(ReplayError::OtherVehicle { run, path, width, expected });
+        }
+        let plan = Plan::of(source, &trial, tick_s, &mut messages)?;
+        for (part, service) in plan.parts.iter().zip(RING) {
+            let shown = source.signals().keys().any(|path| path.starts_with(&format!("{service}/")));
+            if part.instances.is_empty() && shown {
+                return Err(ReplayError::NoAccount { run, service });
+            }
+        }
+        let rebuilt = messages.rebuild(source);
+        Ok(Self { source, trial, plan, messages, rebuilt })
+    }
+
+    /// The trial that was recorded.
+    #[must_use]
+    pub fn trial(&self) -> &ResolvedTrial {
+        &self.trial
+    }
+
+    /// The blocks with which an instance began: of the recorded configuration, or of its own.
+    fn blocks(&self, service: &str, instance: &Instance) -> Result<Blocks, ReplayError> {
+        let (trial, seed) = self.trial_of(service, instance)?;
+        Ok(Blocks::new(&trial, seed)?)
+    }
+
+    fn trial_of(&self, service: &str, instance: &Instance) -> Result<(ResolvedTrial, u64), ReplayError> {
+        let mut properties = self.source.properties().get("run").cloned().unwrap_or_default();
+        // Services may have been started with other files than the plant.
+        for name in ["config", "controller", "seed"] {
+            if let Some(own) = properties.get(&format!("{name}_of_{service}")).cloned() {
+                properties.insert(name.to_owned(), own);
+            }
+        }
+        let first = instance.steps.first().map_or(0, |step| step.tick);
+        let told = self.source.words(&format!("state/{service}/run"));
+        // One that is started anew says with which.
+        if let Some(words) = told.iter().rfind(|words| words.tick <= first.cast_signed()) {
+            let told: Properties = serde_json::from_str(&words.value).map_err(|cause| ReplayError::Account {
+                run: self.source.name().to_owned(),
+                path: format!("state/{service}/run"),
+                tick: words.tick,
+                cause: cause.to_string(),
+            })?;
+            properties.extend(told);
+        }
+        let seed = match properties.get("seed") {
+            Some(Property::Integer(seed)) => *seed,
+            _ => return Err(ReplayError::Property { run: self.source.name().to_owned(), name: "seed" }),
+        };
+        let place = format!("{}: configuration of {service}", self.source.name());
+        Ok((ResolvedTrial::from_properties(&properties, &place)?, seed))
+    }
+
+    /// Every block again, each from its recorded inputs; with `chain`, that block and those behind it from each other's
+    /// new outputs, and nothing else.
+    ///
+    /// # Errors
+    /// When a block can't be built.
+    pub fn verify(&self, chain: Option<FromBlock>) -> Result<Verification, ReplayError> {
+        let mut messages = self.messages.clone();
+        let mut played: Vec<Played> = Vec::new();
+        for place in 0..RING.len() {
+            let anew = chain.is_some_and(|from| place >= from.place());
+            if chain.is_none() || anew {
+                played.extend(
+                    self.play(place, &mut messages, anew, &|service, instance| self.blocks(service, instance))?,
+                );
+            }
+        }
+        let blocks: Vec<BlockVerdict> = played.iter().map(|played| self.verdict(played)).collect();
+        let mut first: Option<Difference> = None;
+        for difference in blocks.iter().filter_map(|block| block.difference.as_ref()) {
+            if first.as_ref().is_none_or(|first| difference.tick < first.tick) {
+                first = Some(difference.clone());
+            }
+        }
+        let hash = if chain.is_none() { self.hash(&played) } else { None };
+        if first.is_none() && hash == Some(false) {
+            first = Some(Difference {
+                service: "run".to_owned(),
+                tick: self.plan.last(),
+                signal: "result: hash".to_owned(),
+                component: String::new(),
+                recorded: "another".to_owned(),
+                replayed: "that of these signals".to_owned(),
+            });
+        }
+        let equal = first.is_none() && !blocks.is_empty() && blocks.iter().all(|block| block.compared > 0);
+        Ok(Verification { equal, first, blocks, hash, rebuilt: self.rebuilt.clone() })
+    }
+
+    /// Replays the block at `place`; `None` when nobody did what it does.
+    fn play(
+        &self,
+        place: usize,
+        messages: &mut Messages,
+        anew: bool,
+        build: &dyn Fn(&str, &Instance) -> Result<Blocks, ReplayError>,
+    ) -> Result<Option<Played>, ReplayError> {
+        let part = &self.plan.parts[place];
+        if part.instances.is_empty() {
+            return Ok(None);
+        }
+        let how = How { tick_s: self.plan.tick_s, anew };
+        fn one<B: Replayed>(
+            part: &plan::Part,
+            messages: &mut Messages,
+            how: How,
+            build: &dyn Fn(&str, &Instance) -> Result<Blocks, ReplayError>,
+        ) -> Result<Played, ReplayError> {
+            play(part, messages, how, |instance| Ok(B::of(build(B::NAME, instance)?)))
+        }
+        Ok(Some(match place {
+            Plant::PLACE => one::<Plant>(part, messages, how, build)?,
+            Estimator::PLACE => one::<Estimator>(part, messages, how, build)?,
+            Guidance::PLACE => one::<Guidance>(part, messages, how, build)?,
+            _ => one::<Controller>(part, messages, how, build)?,
+        }))
+    }
+
+    fn verdict(&self, played: &Played) -> BlockVerdict {
+        let service = played.track.service;
+        let by_signal = played.track.first_difference(self.source, &played.compared);
+        let by_hash = played.digest_differs.map(|tick| Difference {
+            service: service.to_owned(),
+            tick,
+            signal: format!("step/{service}"),
+            component: "digest".to_owned(),
+            recorded: "another hash".to_owned(),
+            replayed: "that of the signals that are recorded".to_owned(),
+        });
+        // A hash says that something differs, the signals say what.
+        let difference = match (by_signal, by_hash) {
+            (Some(signal), Some(hash)) if hash.tick < signal.tick => Some(hash),
+            (signal, hash) => signal.or(hash),
+        };
+        BlockVerdict {
+            service,
+            instances: played.instances,
+            steps: played.steps,
+            compared: played.compared.len() as u64,
+            inexact: played.inexact.clone(),
+            difference,
+        }
+    }
+
+    /// The hash of the whole run against the one in its results.
+    fn hash(&self, played: &[Played]) -> Option<bool> {
+        let Some(Property::Text(recorded)) = self.source.properties().get("result")?.get("hash") else { return None };
+        let [plant, estimator, guidance, controller] = played else { return None };
+        let whole = |played: &Played| played.digests.iter().enumerate().all(|(k, (tick, _))| k as u64 == *tick);
+        let ticks = plant.digests.len();
+        if !played.iter().all(|played| whole(played) && played.digests.len() == ticks) {
+            return None;
+        }
+        let mut digest = RunDigest::default();
+        for k in 0..ticks {
+            let of_blocks = [plant, estimator, guidance, controller].map(|played| played.digests[k].1);
+            digest.fold(Tick { k: k as u64, dt_s: self.plan.tick_s }, of_blocks);
+        }
+        Some(digest.to_string() == *recorded)
+    }
+}
