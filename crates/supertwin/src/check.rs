@@ -1,12 +1,15 @@
 //! `supertwin check`: what a configuration file says, as it was understood.
 
-use crate::cli::CheckArguments;
 use crate::failure::Failure;
 use crate::output;
+use clap::Args;
 use serde::de::DeserializeOwned;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use supertwin_core::unit;
 use supertwin_lab::config::Loaded;
+use supertwin_lab::limits::Limits;
+use supertwin_lab::sweep::Sweep;
 use supertwin_lab::trial::{
     self, ControllerConfig, EnvironmentConfig, EstimatorConfig, GuidanceConfig, SafetyConfig, SensorsConfig,
     VehicleConfig,
@@ -14,9 +17,28 @@ use supertwin_lab::trial::{
 use supertwin_lab::{ConfigError, Library};
 use toml::{Table, Value};
 
+/// Arguments of `check`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  supertwin check                                every file of the configuration folder
+  supertwin check config/trials/fair.toml        one trial with all its files
+  supertwin check config/vehicles/argus-mini.toml --json
+
+Exit status: 0 all legal, 2 something is not.")]
+pub(crate) struct CheckArguments {
+    /// Configuration files; the folder a file is in says what it is [default: all]
+    #[arg(value_name = "FILE")]
+    files: Vec<PathBuf>,
+
+    /// Print one JSON object instead of lines
+    #[arg(long)]
+    json: bool,
+}
+
 /// Folders of the library, and the section each holds.
-const FOLDERS: [(&str, &str); 8] = [
+const FOLDERS: &[(&str, &str)] = &[
     ("trials", "trial"),
+    ("sweeps", "sweep"),
     ("vehicles", "vehicle"),
     ("environments", "environment"),
     ("sensors", "sensors"),
@@ -24,6 +46,7 @@ const FOLDERS: [(&str, &str); 8] = [
     ("guidance", "guidance"),
     ("safety", "safety"),
     ("controllers", "controller"),
+    ("limits", "limits"),
 ];
 
 /// Does it.
@@ -81,6 +104,11 @@ fn understand(file: &Path, library: &Library) -> Result<Table, ConfigError> {
     let section = FOLDERS.iter().find(|(known, _)| *known == folder).map_or("trial", |(_, section)| section);
     Ok(match section {
         _ if bare => whole_trial(library, &name)?,
+        "sweep" => {
+            let sweep = Sweep::load(library, &name)?;
+            sweep.check(library)?;
+            supertwin_lab::config::parse(&name, sweep.text())?
+        }
         "vehicle" => table(library, section, &name, VehicleConfig::check)?,
         "environment" => table(library, section, &name, EnvironmentConfig::check)?,
         "sensors" => table(library, section, &name, SensorsConfig::check)?,
@@ -88,6 +116,7 @@ fn understand(file: &Path, library: &Library) -> Result<Table, ConfigError> {
         "guidance" => table(library, section, &name, GuidanceConfig::check)?,
         "safety" => table(library, section, &name, |_: &SafetyConfig| Ok(()))?,
         "controller" => table(library, section, &name, |config: &ControllerConfig| config.law.check())?,
+        "limits" => table(library, section, &name, Limits::check)?,
         _ => whole_trial(library, &name)?,
     })
 }
@@ -144,26 +173,9 @@ fn flatten(path: &str, value: &Value, rows: &mut Vec<(String, String)>) {
     }
 }
 
-/// The unit that the last word of a path carries.
+/// The unit that the last word of a path carries, or that it has at its place.
 fn unit(path: &str) -> String {
     const UNITS: &[(&str, &str)] = &[
-        ("_n_s2_per_m2", "N s²/m²"),
-        ("_nm_s2_per_rad2", "N m s²/rad²"),
-        ("_n_s_per_m", "N s/m"),
-        ("_nm_s_per_rad", "N m s/rad"),
-        ("_rad_per_s", "rad/s"),
-        ("_m_per_s", "m/s"),
-        ("_rad_per_m", "rad/m"),
-        ("_m_per_m", "m/m"),
-        ("_per_s", "1/s"),
-        ("_per_m", "1/m"),
-        ("_kg_m2", "kg m²"),
-        ("_kg", "kg"),
-        ("_nm", "N m"),
-        ("_n", "N"),
-        ("_rad", "rad"),
-        ("_m", "m"),
-        ("_s", "s"),
         ("alpha_tol.surge", "m/s"),
         ("alpha_tol.sway", "m/s"),
         ("alpha_tol.heave", "m"),
@@ -207,5 +219,6 @@ fn unit(path: &str) -> String {
         ("heading.max_rate", "rad/s"),
         ("heading.max_acceleration", "rad/s²"),
     ];
-    UNITS.iter().find(|(suffix, _)| path.ends_with(suffix)).map_or_else(String::new, |(_, unit)| (*unit).to_owned())
+    let here = UNITS.iter().find(|(suffix, _)| path.ends_with(suffix)).map(|(_, unit)| *unit);
+    unit::of(path).or(here).unwrap_or_default().to_owned()
 }

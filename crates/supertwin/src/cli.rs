@@ -1,8 +1,12 @@
-//! The command line's grammar.
+//! The command line's grammar: the verbs, and what several of them share. What one verb takes stands with what it does.
 
+use crate::{
+    check, compare, dashboard, doctor, export, operate, pki, recorder, repair, replay, run, schema, serve, show, sweep,
+    top, verify, watch, zenoh_config,
+};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
-use supertwin_lab::{Library, Override};
+use supertwin_lab::{ConfigError, Library, Override, ResolvedTrial, trial};
 
 /// Digital twin of an underwater vehicle that inspects net pens: GSTA, adaptive GSTA and PID net following.
 #[derive(Debug, Parser)]
@@ -40,95 +44,71 @@ impl Cli {
 #[derive(Debug, Subcommand)]
 pub(crate) enum Verb {
     /// Run trials in one process, as fast as possible; record and score them
-    Run(RunArguments),
+    Run(run::RunArguments),
+    /// Run a campaign of seeds and parameters on all cores; one table, one report
+    Sweep(sweep::SweepArguments),
     /// All four services in one process, on Zenoh, with the router inside
-    Up(UpArguments),
+    Up(serve::UpArguments),
     /// One service, or the router, in this process
-    Serve(ServeArguments),
+    Serve(serve::ServeArguments),
+    /// Record what flows on the network, and show it live
+    Record(recorder::RecordArguments),
+    /// Settings of a locked router and its clients; who may do what with which key
+    ZenohConfig(zenoh_config::ZenohConfigArguments),
     /// Check that a trial has the same bits in one process, in four, and over a bad link
-    Verify(VerifyArguments),
+    Verify(verify::VerifyArguments),
     /// Validate configuration files and print what was understood, with units
-    Check(CheckArguments),
+    Check(check::CheckArguments),
     /// Command a vehicle or change a parameter, and hear whether it was obeyed
-    Set(SetArguments),
+    Set(operate::SetArguments),
     /// Parameters, last accepted commands, and who has the authority
-    Get(GetArguments),
+    Get(operate::GetArguments),
     /// Vehicles and services that are up, and the keys that flow
-    List(ListArguments),
+    List(watch::ListArguments),
     /// Print what is published on a key
-    Echo(EchoArguments),
+    Echo(watch::EchoArguments),
     /// Rate, jitter, bytes and gaps of what is published on a key
-    Hz(HzArguments),
+    Hz(watch::HzArguments),
     /// Services live: ticks, rates, ages of inputs, gaps, step times
-    Top(TopArguments),
+    Top(top::TopArguments),
     /// What is wrong with this set-up, and what to do
-    Doctor(DoctorArguments),
+    Doctor(doctor::DoctorArguments),
+    /// Certificates of the fleet: who may do what, until when
+    Pki(pki::PkiArguments),
+    /// What is in a recording, what is missing, and whether its scores are right
+    Show(show::ShowArguments),
+    /// Which of several runs is better, by how much, and how sure that is; a gate for CI
+    Compare(compare::CompareArguments),
+    /// Run blocks again on a recording: the same bits, or a what-if with other parameters
+    Replay(replay::ReplayArguments),
+    /// Make a damaged recording whole
+    Repair(repair::RepairArguments),
+    /// Write a recording as Parquet, CSV or MCAP
+    Export(export::ExportArguments),
+    /// List the viewer's dashboards, or write them as files
+    Dashboard(dashboard::DashboardArguments),
+    /// List the messages on the wires, or print and write their JSON Schemas
+    Schema(schema::SchemaArguments),
 }
 
-/// Arguments of `run`.
+/// Which trials; without any, the paper's three case studies.
 #[derive(Debug, Args)]
-#[command(after_help = "Examples:
-  supertwin run                                  the paper's three trials, table IV beside ours
-  supertwin run --seeds 20 --no-record           mean and standard deviation over 20 seeds
-  supertwin run fair --seeds 20 --json           five controllers on equal terms
-  supertwin run paper-agsta --set controller.law.agsta.beta.surge=4 --out runs/softer
-  supertwin run my-trial.toml                    a trial of your own
-
-Exit status: 0 done, 1 a run ended in NaN, 2 the call or its input is wrong, 130 interrupted (recordings are closed).")]
-pub(crate) struct RunArguments {
-    /// Names in config/trials, or paths to trial files [default: paper-gsta paper-agsta paper-pid]
-    #[arg(value_name = "TRIAL")]
-    pub(crate) trials: Vec<String>,
-
-    /// Seed instead of the trial's own
-    #[arg(long, value_name = "N", conflicts_with = "seeds")]
-    pub(crate) seed: Option<u64>,
-
-    /// Run this many seeds, counting up from the trial's own
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
-    pub(crate) seeds: Option<u64>,
-
-    /// Folder for the recordings [default: a new numbered folder in runs/]
-    #[arg(long, value_name = "DIR")]
-    pub(crate) out: Option<PathBuf>,
-
-    /// Replace recordings that exist
-    #[arg(long)]
-    pub(crate) force: bool,
-
-    /// Smaller recordings, about 40 per cent, that take twice as long
-    #[arg(long)]
-    pub(crate) compress: bool,
-
-    /// Score only, write nothing
-    #[arg(long, conflicts_with_all = ["out", "force", "compress"])]
-    pub(crate) no_record: bool,
-
-    /// Runs at the same time [default: one per core]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
-    pub(crate) jobs: Option<u16>,
-
-    /// Print one JSON object instead of tables
-    #[arg(long)]
-    pub(crate) json: bool,
+pub(crate) struct TrialsArguments {
+    /// Names in config/trials, or paths to trial files
+    #[arg(value_name = "TRIAL", default_values = ["paper-gsta", "paper-agsta", "paper-pid"])]
+    names: Vec<String>,
 }
 
-/// Arguments of `check`.
-#[derive(Debug, Args)]
-#[command(after_help = "Examples:
-  supertwin check                                every file of the configuration folder
-  supertwin check config/trials/fair.toml        one trial with all its files
-  supertwin check config/vehicles/argus-mini.toml --json
-
-Exit status: 0 all legal, 2 something is not.")]
-pub(crate) struct CheckArguments {
-    /// Configuration files; the folder a file is in says what it is [default: all]
-    #[arg(value_name = "FILE")]
-    pub(crate) files: Vec<PathBuf>,
-
-    /// Print one JSON object instead of lines
-    #[arg(long)]
-    pub(crate) json: bool,
+impl TrialsArguments {
+    /// Reads them: one resolved trial per controller. What was to be replaced in a file must be of use to one of them.
+    pub(crate) fn load(&self, library: &Library) -> Result<Vec<ResolvedTrial>, ConfigError> {
+        let mut trials = Vec::new();
+        for name in &self.names {
+            trials.extend(trial::load(library, name)?);
+        }
+        library.all_used(&trials)?;
+        Ok(trials)
+    }
 }
 
 /// How to join the network.
@@ -147,6 +127,10 @@ pub(crate) struct LinkArguments {
     #[arg(long, value_name = "ENDPOINT")]
     pub(crate) listen: Vec<String>,
 
+    /// Certificate and key for tls/…: the folder of its holder, as `supertwin pki issue` makes it
+    #[arg(long, value_name = "DIR|PREFIX", env = "SUPERTWIN_CREDENTIALS")]
+    pub(crate) credentials: Option<PathBuf>,
+
     /// Replace one Zenoh setting, e.g. transport/link/tx/lease=1000; may be repeated
     #[arg(long, value_name = "PATH=JSON5")]
     pub(crate) zenoh_set: Vec<String>,
@@ -154,6 +138,17 @@ pub(crate) struct LinkArguments {
     /// Name of the vehicle on the network [default: services: the trial's; tools: the only one that is up]
     #[arg(long, value_name = "NAME", env = "SUPERTWIN_VEHICLE")]
     pub(crate) vehicle: Option<String>,
+}
+
+/// What every operator's tool knows.
+#[derive(Debug, Args)]
+pub(crate) struct ToolArguments {
+    /// Print JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+
+    #[command(flatten)]
+    pub(crate) link: LinkArguments,
 }
 
 /// How ticks follow each other.
@@ -176,8 +171,12 @@ pub(crate) enum Service {
     Guidance,
     /// References into thrust; keeps the authority
     Controller,
+    /// The twin beside a real vehicle, whose driver takes the plant's place
+    Shadow,
     /// The router that all others connect to
     Router,
+    /// What flows on the network, into recordings
+    Recorder,
 }
 
 impl Service {
@@ -188,7 +187,9 @@ impl Service {
             Self::Estimator => "estimator",
             Self::Guidance => "guidance",
             Self::Controller => "controller",
+            Self::Shadow => "shadow",
             Self::Router => "router",
+            Self::Recorder => "recorder",
         }
     }
 }
@@ -258,7 +259,7 @@ pub(crate) struct PlacementArguments {
 }
 
 /// A finite number above zero.
-fn positive(text: &str) -> Result<f64, String> {
+pub(crate) fn positive(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(number) if number > 0.0 && number.is_finite() => Ok(number),
         Ok(number) => Err(format!("{number}: must be positive and finite")),
@@ -266,253 +267,62 @@ fn positive(text: &str) -> Result<f64, String> {
     }
 }
 
-/// Arguments of `up`.
-#[derive(Debug, Args)]
-#[command(after_help = "Examples:
-  supertwin up                                   the adaptive law on the paper's course, in real time
-  supertwin up fair --controller pid-tuned --no-mission
-                                                 waits for commands: supertwin set mode follow_net
-  supertwin up --rtf 5                           five times real time
-  supertwin up --pace lockstep                   as fast as the processor, the same bits as `supertwin run`
+/// Where recordings of the network go unless told otherwise.
+pub(crate) const RECORDINGS: &str = "runs/recorded";
+/// Port of the live view: Rerun's own.
+pub(crate) const LIVE_PORT: u16 = 9876;
 
-Exit status: 0 done or stopped, 1 the run could not go on, 2 the call is wrong, 130 a lock-step run was interrupted.")]
-pub(crate) struct UpArguments {
-    /// Trial: a name in config/trials, or a path; the same as --trial
-    #[arg(value_name = "TRIAL", conflicts_with = "trial")]
-    pub(crate) name: Option<String>,
-    #[command(flatten)]
-    pub(crate) placement: PlacementArguments,
-    #[command(flatten)]
-    pub(crate) link: LinkArguments,
+/// A live view.
+#[derive(Clone, Copy, Debug, Default, Args)]
+#[command(next_help_heading = "Recording")]
+pub(crate) struct LiveArguments {
+    /// Serve a live view for Rerun viewers on this port of this machine, 0 for any [default port: 9876]
+    #[arg(long, value_name = "PORT", num_args = 0..=1, default_missing_value = "9876")]
+    pub(crate) live: Option<u16>,
+
+    /// Serve the live view as a web page as well, for browsers on this machine [default port: 9090]
+    #[arg(long, value_name = "PORT", num_args = 0..=1, default_missing_value = "9090")]
+    pub(crate) live_web: Option<u16>,
 }
 
-/// Arguments of `serve`.
-#[derive(Debug, Args)]
-#[command(after_help = "Examples:
-  supertwin serve router                         on the vehicle
-  supertwin serve plant &  supertwin serve estimator &  supertwin serve controller &
-  supertwin serve guidance --connect tcp/192.168.2.2:7447        topside
-  supertwin serve router --listen tcp/127.0.0.1:0 --json         says on which port
+/// How a recorder records.
+#[derive(Clone, Debug, Args)]
+#[command(next_help_heading = "Recording")]
+pub(crate) struct RecordingArguments {
+    /// Folder for recordings, one file per run and vehicle; nothing in it is ever replaced
+    #[arg(long, value_name = "DIR", default_value = RECORDINGS)]
+    pub(crate) out: PathBuf,
 
-Every service waits for its router, and joins again by itself after a cut.
-Exit status: 0 done or stopped, 1 the run could not go on, 2 the call is wrong, 130 a lock-step run was interrupted.")]
-pub(crate) struct ServeArguments {
-    /// Which
-    #[arg(value_enum)]
-    pub(crate) service: Service,
+    /// No files, only the live view
+    #[arg(long, requires = "live", conflicts_with = "out")]
+    pub(crate) no_file: bool,
+
+    /// Close a file and begin the next part when it has this many megabytes
+    #[arg(long, value_name = "MB", default_value = "2048", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    pub(crate) part_mb: u64,
+
+    /// … or after this many minutes
+    #[arg(long, value_name = "MIN", default_value = "10", value_parser = positive)]
+    pub(crate) part_min: f64,
+
+    /// End with the first run that ends
+    #[arg(long)]
+    pub(crate) once: bool,
+
+    /// Lock step: the name that the plant was told with --witness
+    #[arg(long, value_name = "NAME", default_value = crate::recorder::WITNESS)]
+    pub(crate) as_witness: String,
+
     #[command(flatten)]
-    pub(crate) placement: PlacementArguments,
-    #[command(flatten)]
-    pub(crate) link: LinkArguments,
+    pub(crate) live: LiveArguments,
 }
 
-/// Arguments of `verify`.
-#[derive(Debug, Args)]
-#[command(after_help = "Examples:
-  supertwin verify                               the paper's three trials, 60 s each
-  supertwin verify paper-agsta --duration 10
-  supertwin verify --router tcp/127.0.0.1:7447   over a router that runs already, such as a stock zenohd
-
-Each trial runs in one process; as four processes in lock step, connected only through a router; and again with a
-tenth of all messages lost and a tenth sent twice.
-Exit status: 0 the same bits everywhere, 1 not, 2 the call or its input is wrong, 130 interrupted.")]
-pub(crate) struct VerifyArguments {
-    /// Names in config/trials, or paths [default: paper-gsta paper-agsta paper-pid]
-    #[arg(value_name = "TRIAL")]
-    pub(crate) trials: Vec<String>,
-
-    /// Simulated seconds
-    #[arg(long, value_name = "S", default_value = "60", value_parser = positive)]
-    pub(crate) duration: f64,
-
-    /// Use this router instead of starting one
-    #[arg(long, value_name = "ENDPOINT")]
-    pub(crate) router: Option<String>,
-
-    /// Print one JSON object instead of a table
-    #[arg(long)]
-    pub(crate) json: bool,
-}
-
-/// Arguments of `set`.
-#[derive(Debug, Args)]
-#[command(after_help = "Names:
-  mode                       neutral, depth_heading_hold, follow_net
-  depth_m  heading_rad       set-points; a number, or a profile in JSON: ramp, sine
-  net_distance_m  speed_m_per_s
-  direction                  starboard, port
-  law NAME                   another of the trial's control laws, without a jump in the wrench
-  neutral                    true: no force at once, asks for no authority; false: ends it
-  estimator restart          forget everything and start from the next measurements
-  dvl_silent_for_s SECONDS   the DVL fails
-  thruster_gain JSON         e.g. '{\"thruster\":1,\"gain\":0.5}'
-  SERVICE.PATH               a parameter, as `supertwin get` lists them
-
-Examples:
-  supertwin set depth_m 5
-  supertwin set mode follow_net net_distance_m 2 speed_m_per_s 0.3      all at the same tick
-  supertwin set depth_m '{\"ramp\":{\"to\":5,\"over_s\":20}}'
-  supertwin set controller.law.agsta.beta.surge 4
-  supertwin set neutral true                     emergency
-
-Takes the authority, sends, gives it back, and waits until everything has applied.
-Exit status: 0 applied, 1 refused or not applied in time, 2 the call is wrong or there is no router, 130 interrupted.")]
-pub(crate) struct SetArguments {
-    /// Names and values, in turn
-    #[arg(value_name = "NAME VALUE", required = true, num_args = 2.., allow_negative_numbers = true)]
-    pub(crate) pairs: Vec<String>,
-
-    /// Seconds to wait until it has applied
-    #[arg(long, value_name = "S", default_value = "5", value_parser = positive, conflicts_with = "no_wait")]
-    pub(crate) wait: f64,
-
-    /// Leave as soon as the services have said when it will apply
-    #[arg(long)]
-    pub(crate) no_wait: bool,
-
-    /// Print JSON
-    #[arg(long)]
-    pub(crate) json: bool,
-
-    #[command(flatten)]
-    pub(crate) link: LinkArguments,
-}
-
-/// Arguments of `get`.
-#[derive(Debug, Args)]
-#[command(after_help = "Examples:
-  supertwin get                                  everything
-  supertwin get controller                       all parameters of a service
-  supertwin get controller.law.agsta.beta --json
-  supertwin get depth_m                          the last command of this name that applied
-  supertwin get lease                            who has the authority
-
-Exit status: 0 done, 1 there is no such thing or nobody is up, 2 the call is wrong or there is no router.")]
-pub(crate) struct GetArguments {
-    /// A service, SERVICE.PATH of a parameter, the name of a command, or `lease` [default: everything]
-    #[arg(value_name = "NAME")]
-    pub(crate) name: Option<String>,
-
-    /// Print JSON
-    #[arg(long)]
-    pub(crate) json: bool,
-
-    #[command(flatten)]
-    pub(crate) link: LinkArguments,
-}
-
-/// Arguments of `list`.
-#[derive(Debug, Args)]
-#[command(after_help = "Examples:
-  supertwin list
-  supertwin list --for 5 --json                  also what is seldom published
-  supertwin list --connect tcp/192.168.2.2:7447
-
-Exit status: 0 done (also when nobody is up), 2 the call is wrong or there is no router, 130 interrupted.")]
-pub(crate) struct ListArguments {
-    /// Seconds to listen for keys
-    #[arg(long = "for", value_name = "S", default_value = "1.2", value_parser = positive)]
-    pub(crate) for_s: f64,
-
-    /// Print JSON
-    #[arg(long)]
-    pub(crate) json: bool,
-
-    #[command(flatten)]
-    pub(crate) link: LinkArguments,
-}
-
-/// Arguments of `echo`.
-#[derive(Debug, Args)]
-#[command(after_help = "Examples:
-  supertwin echo 'event/**'                      what happened so far, and what happens
-  supertwin echo estimator/nav --count 1 --json
-  supertwin echo 'state/**' --for 10
-  supertwin echo 'supertwin/*/health/*'          of all vehicles
-
-Exit status: 0 done or stopped, 1 nothing was heard, 2 the call is wrong or there is no router.")]
-pub(crate) struct EchoArguments {
-    /// Key below the vehicle's, or a full one from supertwin/ on; * is one part, ** any number
-    #[arg(value_name = "KEY")]
-    pub(crate) key: String,
-
-    /// End after this many samples
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
-    pub(crate) count: Option<u64>,
-
-    /// End after this many seconds
-    #[arg(long = "for", value_name = "S", value_parser = positive)]
-    pub(crate) for_s: Option<f64>,
-
-    /// Print one JSON object per line
-    #[arg(long)]
-    pub(crate) json: bool,
-
-    #[command(flatten)]
-    pub(crate) link: LinkArguments,
-}
-
-/// Arguments of `hz`.
-#[derive(Debug, Args)]
-#[command(after_help = "Examples:
-  supertwin hz estimator/nav
-  supertwin hz 'telemetry/*' --for 20
-  supertwin hz '**' --json                       everything of the vehicle
-
-Exit status: 0 done, 1 nothing was heard, 2 the call is wrong or there is no router, 130 interrupted.")]
-pub(crate) struct HzArguments {
-    /// Key below the vehicle's, or a full one from supertwin/ on; * is one part, ** any number
-    #[arg(value_name = "KEY")]
-    pub(crate) key: String,
-
-    /// Seconds to listen
-    #[arg(long = "for", value_name = "S", default_value = "5", value_parser = positive)]
-    pub(crate) for_s: f64,
-
-    /// Print JSON
-    #[arg(long)]
-    pub(crate) json: bool,
-
-    #[command(flatten)]
-    pub(crate) link: LinkArguments,
-}
-
-/// Arguments of `top`.
-#[derive(Debug, Args)]
-#[command(after_help = "Examples:
-  supertwin top                                  redraws every second; Ctrl-C ends it
-  supertwin top --json                           one snapshot as JSON
-  supertwin top --count 60 --json > health.jsonl a minute, one object per line
-
-Columns: age: greatest age of an input at a step, in ticks, during the last second; missing, double, late: messages
-of all inputs since the start; step: microseconds; misses: ticks that began too late to be sent.
-Exit status: 0 done or stopped, 1 nobody is up, 2 the call is wrong or there is no router.")]
-pub(crate) struct TopArguments {
-    /// End after this many snapshots [default: on a terminal: never; else 1]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
-    pub(crate) count: Option<u64>,
-
-    /// Print one JSON object per snapshot
-    #[arg(long)]
-    pub(crate) json: bool,
-
-    #[command(flatten)]
-    pub(crate) link: LinkArguments,
-}
-
-/// Arguments of `doctor`.
-#[derive(Debug, Args)]
-#[command(after_help = "Examples:
-  supertwin doctor
-  supertwin doctor --zenoh config/zenoh/vehicle-router.json5     examines a router's file, then asks at its listeners
-  supertwin doctor --connect tcp/192.168.2.2:7447 --json
-
-Exit status: 0 nothing is wrong (there may be warnings), 1 something is wrong, 2 the call is wrong.")]
-pub(crate) struct DoctorArguments {
-    /// Print a JSON list
-    #[arg(long)]
-    pub(crate) json: bool,
-
-    #[command(flatten)]
-    pub(crate) link: LinkArguments,
+impl RecordingArguments {
+    /// When a part is closed.
+    pub(crate) fn rotation(&self) -> crate::recorder::Rotation {
+        crate::recorder::Rotation {
+            bytes: self.part_mb << 20,
+            time: std::time::Duration::from_secs_f64(60.0 * self.part_min),
+        }
+    }
 }

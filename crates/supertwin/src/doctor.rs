@@ -1,16 +1,37 @@
 //! `supertwin doctor`: what is wrong with this set-up, and what to do.
 
-use crate::cli::DoctorArguments;
+use crate::cli::{LinkArguments, ToolArguments};
 use crate::failure::{Failure, INTERRUPTED};
 use crate::output;
+use crate::prove;
 use crate::tool::{SERVICES, Tool, progress};
+use clap::Args;
 use serde::Serialize;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::process::ExitCode;
 use supertwin_lab::Library;
-use supertwin_zenoh::{Health, Link, diagnose, keys, session};
+use supertwin_zenoh::access::{self, Attempt};
+use supertwin_zenoh::{Clock, Health, Link, LinkError, SystemClock, diagnose, keys, pki, session};
+
+/// Arguments of `doctor`.
+#[derive(Debug, Args)]
+#[command(mut_arg("json", |json| json.help("Print a JSON list")))]
+#[command(after_help = "Examples:
+  supertwin doctor
+  supertwin doctor --zenoh config/zenoh/vehicle-router.json5     examines a router's file, then asks at its listeners
+  supertwin doctor --connect tcp/192.168.2.2:7447 --json
+  supertwin doctor --connect tls/192.168.2.2:7447 --credentials pki
+                                                 for each holder in pki: tries what it may and may not
+
+The proof of rights moves nothing: services refuse what it sends, and count it. It sees most on the vehicle's computer,
+or with the vehicle's own credentials beside the others.
+Exit status: 0 nothing is wrong (there may be warnings), 1 something is wrong, 2 the call is wrong.")]
+pub(crate) struct DoctorArguments {
+    #[command(flatten)]
+    tool: ToolArguments,
+}
 
 /// Health comes once a second.
 const HEALTH_WAIT_S: f64 = 2.5;
@@ -35,18 +56,21 @@ struct Finding {
     what: String,
     #[serde(skip_serializing_if = "Option::is_none")]
     remedy: Option<String>,
+    /// The matrix as it was found, of a proof of access.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    attempts: Vec<Attempt>,
 }
 
 fn ok(check: &'static str, what: impl Into<String>) -> Finding {
-    Finding { check, verdict: Verdict::Ok, what: what.into(), remedy: None }
+    Finding { check, verdict: Verdict::Ok, what: what.into(), remedy: None, attempts: Vec::new() }
 }
 
 fn warning(check: &'static str, what: impl Into<String>, remedy: impl Into<String>) -> Finding {
-    Finding { check, verdict: Verdict::Warning, what: what.into(), remedy: Some(remedy.into()) }
+    Finding { remedy: Some(remedy.into()), verdict: Verdict::Warning, ..ok(check, what) }
 }
 
 fn wrong(check: &'static str, what: impl Into<String>, remedy: impl Into<String>) -> Finding {
-    Finding { check, verdict: Verdict::Wrong, what: what.into(), remedy: Some(remedy.into()) }
+    Finding { remedy: Some(remedy.into()), verdict: Verdict::Wrong, ..ok(check, what) }
 }
 
 /// Collects findings; prints them as they come unless JSON is wanted.
@@ -88,8 +112,12 @@ impl Report {
 
 /// Looks for what is wrong.
 pub(crate) fn doctor(arguments: &DoctorArguments, library: &Library) -> Result<ExitCode, Failure> {
-    let link = arguments.link.link(library, "local", None, None);
-    let mut report = Report { json: arguments.json, found: Vec::new() };
+    let mut link = arguments.tool.link.link(library, "local", None, None);
+    let holders = link.credentials.as_deref().map_or(Ok(Vec::new()), prove::holders)?;
+    // Of several, the one that sees most.
+    link.credentials = prove::best(&holders).map(Path::to_owned);
+    let local = Link { patience_ms: 0, ..LinkArguments::default().link(library, "local", None, None) };
+    let mut report = Report { json: arguments.tool.json, found: Vec::new() };
     let place = link.file.as_ref().map_or("built-in settings".to_owned(), |path| path.display().to_string());
     let settings = match link.settings().and_then(|settings| link.config().map(|_| settings)) {
         Ok(settings) => settings,
@@ -101,9 +129,12 @@ pub(crate) fn doctor(arguments: &DoctorArguments, library: &Library) -> Result<E
     report.add(ok("settings", place));
     report.extend(files(&settings));
     report.extend(exposed(&settings));
+    report.extend(rules(&settings));
     let link = as_client(link, &settings);
     let tool = match Tool::join(&link) {
         Ok(tool) => tool,
+        // Found above already.
+        Err(Failure::Link(LinkError::Pki(_))) => return report.end(),
         Err(Failure::Link(cause)) => {
             let remedy = "start one with `supertwin up` or `supertwin serve router`, or say where it is: --connect \
                           tcp/ADDRESS:7447";
@@ -113,13 +144,28 @@ pub(crate) fn doctor(arguments: &DoctorArguments, library: &Library) -> Result<E
         Err(other) => return Err(other),
     };
     report.add(ok("router", format!("reached at {}", diagnose::links(&tool.session).join(", "))));
-    vehicle(tool, arguments, &mut report)
+    let proof = |tool: &Tool, vehicle: &str| {
+        if holders.is_empty() {
+            return Ok(Vec::new());
+        }
+        let (proofs, seen) = prove::prove(tool, &link, &local, &holders, vehicle, arguments.tool.json)?;
+        if !arguments.tool.json {
+            output::print(&format!("\n{}\n", prove::matrix(&proofs)));
+        }
+        Ok(proven(proofs, seen))
+    };
+    vehicle(tool, arguments, &mut report, proof)
 }
 
 /// Everything that needs somebody to answer.
-fn vehicle(mut tool: Tool, arguments: &DoctorArguments, report: &mut Report) -> Result<ExitCode, Failure> {
+fn vehicle(
+    mut tool: Tool,
+    arguments: &DoctorArguments,
+    report: &mut Report,
+    proof: impl FnOnce(&Tool, &str) -> Result<Vec<Finding>, Failure>,
+) -> Result<ExitCode, Failure> {
     let alive = tool.alive()?;
-    let vehicle = match tool.vehicle(arguments.link.vehicle.as_deref()) {
+    let vehicle = match tool.vehicle(arguments.tool.link.vehicle.as_deref()) {
         Ok(vehicle) => vehicle,
         Err(Failure::Verdict(_)) => {
             report.add(wrong(
@@ -142,7 +188,7 @@ fn vehicle(mut tool: Tool, arguments: &DoctorArguments, report: &mut Report) -> 
     // Two of each, so that counters that grow are told from those that have grown.
     tool.inbox.listen(&tool.session, &format!("{}/{}", keys::namespace(&vehicle), keys::health("*")))?;
     let wanted: usize = instances.values().map(Vec::len).sum();
-    let bar = progress(HEALTH_WAIT_S, "listening to the services", arguments.json);
+    let bar = progress(HEALTH_WAIT_S, "listening to the services", arguments.tool.json);
     let (began, end) = (tool.clock.now(), tool.after(HEALTH_WAIT_S));
     let mut healths: BTreeMap<String, (Health, Health)> = BTreeMap::new();
     while wanted > 0
@@ -163,7 +209,8 @@ fn vehicle(mut tool: Tool, arguments: &DoctorArguments, report: &mut Report) -> 
         return Ok(ExitCode::from(INTERRUPTED));
     }
     let mut answers = BTreeMap::new();
-    for service in instances.keys() {
+    // A recorder answers nothing.
+    for service in instances.keys().filter(|service| SERVICES.contains(service)) {
         let key = format!("{}/{}", keys::namespace(&vehicle), keys::state(service, "now"));
         answers.insert(*service, !diagnose::ask_all(&tool.session, &key)?.is_empty());
     }
@@ -179,6 +226,7 @@ fn vehicle(mut tool: Tool, arguments: &DoctorArguments, report: &mut Report) -> 
         let key = format!("{}/{}", keys::namespace(&vehicle), keys::PING);
         report.add(clock(diagnose::clock_offset(&tool.session, &key, &*tool.clock, PINGS)?));
     }
+    report.extend(proof(&tool, &vehicle)?);
     tool.close();
     core::mem::replace(report, Report { json: false, found: Vec::new() }).end()
 }
@@ -201,9 +249,36 @@ fn files(settings: &Value) -> Vec<Finding> {
         .collect();
     match (named.len(), bad.is_empty()) {
         (0, _) => vec![ok("certificates", "none are named: nothing to read")],
-        (n, true) => vec![ok("certificates", format!("{n} files, all readable"))],
+        (n, true) => {
+            let found = credentials(settings, &SystemClock::start());
+            if found.is_empty() { vec![ok("certificates", format!("{n} files, all readable"))] } else { found }
+        }
         _ => bad,
     }
+}
+
+/// Whether the certificates belong to their keys, until when they are in force, and who else can read the keys.
+fn credentials(settings: &Value, clock: &dyn Clock) -> Vec<Finding> {
+    let mut found = Vec::new();
+    for side in ["listen", "connect"] {
+        let Some(files) = pki::tls_files(settings, side) else { continue };
+        match files.check(clock) {
+            Err(error) => found.push(wrong("certificates", error.to_string(), "see `supertwin pki --help`")),
+            Ok(certificate) => {
+                let left = pki::span(certificate.left_s(clock));
+                let what = format!("{}: {}, {left} left", files.certificate.display(), certificate.common_name);
+                found.push(match certificate.standing(0, clock) {
+                    pki::Standing::Valid => ok("certificates", what),
+                    _ => warning("certificates", what, "renew it where the authority is: `supertwin pki renew`"),
+                });
+            }
+        }
+        if let Some(text) = pki::loose(&files.key) {
+            found.push(warning("certificates", text, "whoever can read the key can be its holder"));
+        }
+    }
+    found.dedup();
+    found
 }
 
 fn unreadable(place: &str, path: &Path) -> Option<String> {
@@ -232,6 +307,49 @@ fn exposed(settings: &Value) -> Vec<Finding> {
         if !found.iter().any(|finding| finding.check == check) {
             found.push(ok(check, fine));
         }
+    }
+    found
+}
+
+/// Whether a router's rules are those of this version.
+fn rules(settings: &Value) -> Vec<Finding> {
+    let (Some(vehicle), true) =
+        (settings["metadata"]["vehicle"].as_str(), settings["access_control"]["enabled"] == Value::Bool(true))
+    else {
+        return Vec::new();
+    };
+    let (found, ours) = (access::hash(settings), access::current_hash(vehicle));
+    if found == ours {
+        return vec![ok("rules", format!("{found}, as this version writes them for {vehicle}"))];
+    }
+    let what = format!("{found}; this version writes {ours} for {vehicle}");
+    vec![warning("rules", what, "write them again with `supertwin zenoh-config vehicle`, or know why they differ")]
+}
+
+/// What each role may and may not, as it was found.
+fn proven(proofs: Vec<prove::Proof>, seen: bool) -> Vec<Finding> {
+    let mut found: Vec<Finding> = proofs
+        .into_iter()
+        .map(|proof| {
+            let (all, tried, differences) = (proof.attempts.len(), proof.tried(), proof.differences());
+            let finding = if differences.is_empty() {
+                ok("rights", format!("{}: {tried} of {all} tried, all as documented", proof.who))
+            } else {
+                let n = differences.len();
+                let what = format!("{}: {n} of {tried} are not as documented: {}", proof.who, differences.join("; "));
+                wrong(
+                    "rights",
+                    what,
+                    "write the router's file again with `supertwin zenoh-config vehicle`, and restart it",
+                )
+            };
+            Finding { attempts: proof.attempts, ..finding }
+        })
+        .collect();
+    if !seen {
+        let what = "nobody here sees what arrives at the vehicle: most could not be tried";
+        let remedy = "run it on the vehicle's computer, or give the vehicle's own credentials as well";
+        found.push(warning("rights", what, remedy));
     }
     found
 }

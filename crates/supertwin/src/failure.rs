@@ -31,6 +31,9 @@ pub(crate) enum Failure {
     /// The network can't be joined.
     #[error(transparent)]
     Link(#[from] supertwin_zenoh::LinkError),
+    /// Certificates or their files are wrong.
+    #[error(transparent)]
+    Pki(#[from] supertwin_zenoh::PkiError),
     /// A request was not obeyed.
     #[error(transparent)]
     Client(#[from] supertwin_zenoh::ClientError),

@@ -1,9 +1,10 @@
 //! `supertwin set` and `supertwin get`: commands and parameters, with acknowledgement.
 
-use crate::cli::{GetArguments, SetArguments};
+use crate::cli::{ToolArguments, positive};
 use crate::failure::{Failure, INTERRUPTED};
 use crate::output;
 use crate::tool::{SERVICES, Tool, progress, table};
+use clap::Args;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
@@ -14,6 +15,65 @@ use supertwin_lab::Library;
 use supertwin_zenoh::authority::LeaseAction;
 use supertwin_zenoh::host::Now;
 use supertwin_zenoh::{Client, ClientError, Presence, diagnose, keys};
+
+/// Arguments of `set`.
+#[derive(Debug, Args)]
+#[command(after_help = "Names:
+  mode                       neutral, depth_heading_hold, follow_net
+  depth_m  heading_rad       set-points; a number, or a profile in JSON: ramp, sine
+  net_distance_m  speed_m_per_s
+  direction                  starboard, port
+  law NAME                   another of the trial's control laws, without a jump in the wrench
+  neutral                    true: no force at once, asks for no authority; false: ends it
+  estimator restart          forget everything and start from the next measurements
+  dvl_silent_for_s SECONDS   the DVL fails
+  thruster_gain JSON         e.g. '{\"thruster\":1,\"gain\":0.5}'
+  SERVICE.PATH               a parameter, as `supertwin get` lists them
+
+Examples:
+  supertwin set depth_m 5
+  supertwin set mode follow_net net_distance_m 2 speed_m_per_s 0.3      all at the same tick
+  supertwin set depth_m '{\"ramp\":{\"to\":5,\"over_s\":20}}'
+  supertwin set controller.law.agsta.beta.surge 4
+  supertwin set neutral true                     emergency
+
+Takes the authority, sends, gives it back, and waits until everything has applied.
+Exit status: 0 applied, 1 refused or not applied in time, 2 the call is wrong or there is no router, 130 interrupted.")]
+pub(crate) struct SetArguments {
+    /// Names and values, in turn
+    #[arg(value_name = "NAME VALUE", required = true, num_args = 2.., allow_negative_numbers = true)]
+    pairs: Vec<String>,
+
+    /// Seconds to wait until it has applied
+    #[arg(long, value_name = "S", default_value = "5", value_parser = positive, conflicts_with = "no_wait")]
+    wait: f64,
+
+    /// Leave as soon as the services have said when it will apply
+    #[arg(long)]
+    no_wait: bool,
+
+    #[command(flatten)]
+    tool: ToolArguments,
+}
+
+/// Arguments of `get`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  supertwin get                                  everything
+  supertwin get controller                       all parameters of a service
+  supertwin get controller.law.agsta.beta --json
+  supertwin get depth_m                          the last command of this name that applied
+  supertwin get lease                            who has the authority
+
+Exit status: 0 done, 1 there is no such thing or nobody is up, 2 the call is wrong or there is no router.")]
+pub(crate) struct GetArguments {
+    /// A service, SERVICE.PATH of a parameter, the name of a command, or `lease` [default: everything]
+    #[arg(value_name = "NAME")]
+    name: Option<String>,
+
+    #[command(flatten)]
+    tool: ToolArguments,
+}
 
 /// How long the authority is asked for; it is given back as soon as everything has been said.
 const LEASE_S: f64 = 30.0;
@@ -125,8 +185,8 @@ pub(crate) fn set(arguments: &SetArguments, library: &Library) -> Result<ExitCod
     }
     let orders: Vec<Order> =
         arguments.pairs.chunks_exact(2).map(|pair| Order::read(&pair[0], &pair[1])).collect::<Result<_, _>>()?;
-    let mut tool = Tool::open(&arguments.link, library)?;
-    let vehicle = tool.vehicle(arguments.link.vehicle.as_deref())?;
+    let mut tool = Tool::open(&arguments.tool.link, library)?;
+    let vehicle = tool.vehicle(arguments.tool.link.vehicle.as_deref())?;
     let name = format!("cli-{}", supertwin_zenoh::unique());
     // Before anything is sent: no acknowledgement may come too early.
     tool.inbox.listen(&tool.session, &format!("{}/{}", keys::namespace(&vehicle), keys::event("*")))?;
@@ -137,7 +197,7 @@ pub(crate) fn set(arguments: &SetArguments, library: &Library) -> Result<ExitCod
     }
     let interrupted = tool.stop.interrupted();
     tool.close();
-    if arguments.json {
+    if arguments.tool.json {
         output::print(&json!({ "vehicle": vehicle, "client": name, "commands": outcomes }).to_string());
     }
     let mut code = ExitCode::SUCCESS;
@@ -167,7 +227,7 @@ pub(crate) fn set(arguments: &SetArguments, library: &Library) -> Result<ExitCod
                 continue;
             }
         };
-        if !arguments.json {
+        if !arguments.tool.json {
             output::print(&text);
         }
     }
@@ -266,7 +326,7 @@ struct SaidEvent {
 fn wait(tool: &Tool, client: &Client, outcomes: &mut [Outcome], arguments: &SetArguments) -> Result<(), Failure> {
     let began = tool.clock.now();
     let end = tool.after(arguments.wait);
-    let bar = progress(arguments.wait, "waiting until it applies", arguments.json);
+    let bar = progress(arguments.wait, "waiting until it applies", arguments.tool.json);
     let open = |outcomes: &[Outcome]| outcomes.iter().any(|outcome| outcome.status == "scheduled");
     while open(outcomes) && tool.clock.now() < end && !tool.stop.interrupted() {
         let slice = (tool.clock.now() + LOOK).min(end);
@@ -314,8 +374,8 @@ fn acknowledge(event: &SaidEvent, client: &str, outcomes: &mut [Outcome]) {
 
 /// Parameters, states, the lease.
 pub(crate) fn get(arguments: &GetArguments, library: &Library) -> Result<ExitCode, Failure> {
-    let tool = Tool::open(&arguments.link, library)?;
-    let vehicle = tool.vehicle(arguments.link.vehicle.as_deref())?;
+    let tool = Tool::open(&arguments.tool.link, library)?;
+    let vehicle = tool.vehicle(arguments.tool.link.vehicle.as_deref())?;
     let name = format!("cli-{}", supertwin_zenoh::unique());
     let mut client = Client::new(tool.session.clone(), &vehicle, &name, Arc::clone(&tool.clock));
     let found = match arguments.name.as_deref() {
@@ -327,7 +387,7 @@ pub(crate) fn get(arguments: &GetArguments, library: &Library) -> Result<ExitCod
         },
     };
     tool.close();
-    output::print(&if arguments.json { found.to_string() } else { found_text(arguments.name.as_deref(), &found) });
+    output::print(&if arguments.tool.json { found.to_string() } else { found_text(arguments.name.as_deref(), &found) });
     Ok(ExitCode::SUCCESS)
 }
 

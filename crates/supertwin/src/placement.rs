@@ -5,6 +5,7 @@ use crate::failure::Failure;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
+use supertwin_core::run::Properties;
 use supertwin_core::{Tick, Wired};
 use supertwin_lab::mission::{Mission, Parts};
 use supertwin_lab::{Blocks, Library, ResolvedTrial, trial};
@@ -23,8 +24,14 @@ pub(crate) struct Placement {
     pub(crate) patience: Duration,
     pub(crate) keep_digests: bool,
     pub(crate) rejoins: bool,
+    seed: u64,
     parts: Parts,
     blocks: Blocks,
+}
+
+/// Where the program comes from.
+pub(crate) fn provenance() -> Properties {
+    Properties::from([("git_commit".to_owned(), env!("SUPERTWIN_GIT_COMMIT").into())])
 }
 
 /// Eight hexadecimal digits that nobody else has.
@@ -72,6 +79,7 @@ impl Placement {
             patience: Duration::from_secs_f64(arguments.patience),
             keep_digests: false,
             rejoins: true,
+            seed,
             parts,
             trial,
         })
@@ -80,6 +88,18 @@ impl Placement {
     /// Name of the vehicle on the network.
     pub(crate) fn vehicle(&self, asked_for: Option<&str>) -> String {
         asked_for.map_or_else(|| self.trial.trial.vehicle.clone(), str::to_owned)
+    }
+
+    /// What recordings keep of this configuration.
+    fn about(&self) -> Properties {
+        let placement = if self.pace == Pace::LockStep { "lockstep" } else { "realtime" };
+        let mut about = supertwin_lab::run::properties(&self.trial, self.seed, placement, &provenance());
+        match self.ticks {
+            Some(ticks) => about.insert("duration_s".to_owned(), (ticks as f64 * self.trial.trial.tick_s.get()).into()),
+            // Until it is stopped.
+            None => about.remove("duration_s"),
+        };
+        about
     }
 
     /// Puts a service on the network, into `engine`.
@@ -104,7 +124,9 @@ impl Placement {
             Service::Controller => {
                 self.open(session, blocks.controller, self.parts.controller.clone(), mailbox, index, clock)?
             }
-            Service::Router => return Ok(()),
+            // The vehicle has its own faults: those of a mission are the plant's.
+            Service::Shadow => self.open(session, blocks.shadow(), Vec::new(), mailbox, index, clock)?,
+            Service::Router | Service::Recorder => return Ok(()),
         };
         engine.add(host);
         Ok(())
@@ -125,6 +147,7 @@ impl Placement {
             pace: self.pace,
             tick_s: self.trial.trial.tick_s.get(),
             ticks: self.ticks,
+            about: self.about(),
             telemetry_every: self.telemetry_every,
             mission,
             lead_ticks: 3,

@@ -1,9 +1,12 @@
 //! `supertwin run`: trials × controllers × seeds in one process, recorded and scored.
 
-use crate::cli::RunArguments;
+use crate::cli::{LiveArguments, TrialsArguments};
 use crate::clock::Stopwatch;
 use crate::failure::{Failure, INTERRUPTED};
+use crate::placement::provenance;
+use crate::recorder;
 use crate::{output, tables};
+use clap::Args;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -12,14 +15,62 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use supertwin_core::run::Properties;
+use supertwin_core::observe::Both;
 use supertwin_core::{Event, NoSink, RunSink};
 use supertwin_lab::run::run_name;
-use supertwin_lab::{Library, ResolvedTrial, RunError, RunOutcome, Scores, trial};
-use supertwin_rerun::{Options, RerunSink};
+use supertwin_lab::{Library, ResolvedTrial, RunError, RunOutcome, Scores};
+use supertwin_rerun::{Live, Options, RerunSink};
 
-/// The paper's three case studies.
-const DEFAULT_TRIALS: [&str; 3] = ["paper-gsta", "paper-agsta", "paper-pid"];
+/// Arguments of `run`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  supertwin run                                  the paper's three trials, table IV beside ours
+  supertwin run --seeds 20 --no-record           mean and standard deviation over 20 seeds
+  supertwin run fair --seeds 20 --json           five controllers on equal terms
+  supertwin run paper-agsta --set controller.law.agsta.beta.surge=4 --out runs/softer
+  supertwin run my-trial.toml                    a trial of your own
+  supertwin run paper-agsta --live               and look at it in a viewer at once
+
+Exit status: 0 done, 1 a run ended in NaN, 2 the call or its input is wrong, 130 interrupted (recordings are closed).")]
+pub(crate) struct RunArguments {
+    #[command(flatten)]
+    trials: TrialsArguments,
+
+    /// Seed instead of the trial's own
+    #[arg(long, value_name = "N", conflicts_with = "seeds")]
+    seed: Option<u64>,
+
+    /// Run this many seeds, counting up from the trial's own
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
+    seeds: Option<u64>,
+
+    /// Folder for the recordings [default: a new numbered folder in runs/]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+
+    /// Replace recordings that exist
+    #[arg(long)]
+    force: bool,
+
+    /// Smaller recordings, about 40 per cent, that take twice as long
+    #[arg(long)]
+    compress: bool,
+
+    /// Score only, write nothing
+    #[arg(long, conflicts_with_all = ["out", "force", "compress"])]
+    no_record: bool,
+
+    #[command(flatten)]
+    live: LiveArguments,
+
+    /// Runs at the same time [default: one per core]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    jobs: Option<u16>,
+
+    /// Print one JSON object instead of tables
+    #[arg(long)]
+    json: bool,
+}
 
 /// One run to be done.
 struct Job {
@@ -57,16 +108,7 @@ struct Report<'a> {
 
 /// Does it.
 pub(crate) fn run(arguments: &RunArguments, library: &Library) -> Result<ExitCode, Failure> {
-    let names: Vec<&str> = if arguments.trials.is_empty() {
-        DEFAULT_TRIALS.to_vec()
-    } else {
-        arguments.trials.iter().map(String::as_str).collect()
-    };
-    let mut trials = Vec::new();
-    for name in names {
-        trials.extend(trial::load(library, name)?);
-    }
-    library.all_used(&trials)?;
+    let trials = arguments.trials.load(library)?;
     let mut jobs = jobs(arguments, trials)?;
     if !arguments.no_record {
         let folder = create_folder(arguments.out.as_deref())?;
@@ -84,10 +126,15 @@ pub(crate) fn run(arguments: &RunArguments, library: &Library) -> Result<ExitCod
 
     let stop = Arc::new(AtomicBool::new(false));
     let flag = Arc::clone(&stop);
-    ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed))
-        .map_err(|cause| Failure::Call(format!("Ctrl-C can't be caught: {cause}")))?;
+    let waiting = std::thread::current();
+    ctrlc::set_handler(move || {
+        flag.store(true, Ordering::Relaxed);
+        waiting.unpark();
+    })
+    .map_err(|cause| Failure::Call(format!("Ctrl-C can't be caught: {cause}")))?;
 
     let options = Options { overwrite: arguments.force, compress: arguments.compress, ..Options::default() };
+    let live = recorder::live(&arguments.live, arguments.json)?;
     let progress = progress(&jobs, arguments.json);
     let clock = Stopwatch::start();
     let pool = rayon::ThreadPoolBuilder::new()
@@ -95,7 +142,7 @@ pub(crate) fn run(arguments: &RunArguments, library: &Library) -> Result<ExitCod
         .build()
         .map_err(|cause| Failure::Call(format!("threads: {cause}")))?;
     let results: Vec<Result<Option<Done>, Failure>> =
-        pool.install(|| jobs.par_iter().map(|job| one(job, &options, &stop, &progress)).collect());
+        pool.install(|| jobs.par_iter().map(|job| one(job, &options, live.as_ref(), &stop, &progress)).collect());
     progress.finish_and_clear();
     let wall_s = clock.elapsed_s();
 
@@ -120,6 +167,17 @@ pub(crate) fn run(arguments: &RunArguments, library: &Library) -> Result<ExitCod
         let complete = done.iter().filter(|run| run.complete).count();
         let closed = if arguments.no_record { "" } else { "; the recordings are closed and readable" };
         output::warn(&format!("interrupted: {complete} of {} runs complete{closed}", jobs.len()));
+    }
+    if let Some(live) = &live
+        && !interrupted
+    {
+        if live.dropped() > 0 {
+            output::warn(&format!("warning: {} batches did not fit into the live view", live.dropped()));
+        }
+        output::warn("the live view stays until Ctrl-C");
+        while !stop.load(Ordering::Relaxed) {
+            std::thread::park();
+        }
     }
     let mut failures = failures.into_iter();
     if let Some(first) = failures.next() {
@@ -186,17 +244,35 @@ fn progress(jobs: &[Job], json: bool) -> ProgressBar {
     bar
 }
 
-fn one(job: &Job, options: &Options, stop: &AtomicBool, progress: &ProgressBar) -> Result<Option<Done>, Failure> {
+/// Ticks in a batch of the live view: runs are much faster than real time.
+const LIVE_BATCH: usize = 1000;
+
+fn one(
+    job: &Job,
+    options: &Options,
+    live: Option<&Live>,
+    stop: &AtomicBool,
+    progress: &ProgressBar,
+) -> Result<Option<Done>, Failure> {
     if stop.load(Ordering::Relaxed) {
         return Ok(None);
     }
     let name = run_name(&job.trial, job.seed);
     let clock = Stopwatch::start();
     let outcome = match &job.recording {
-        Some(path) => RerunSink::create(path, options.clone())
-            .map_err(RunError::from)
-            .and_then(|mut sink| watched(job, &mut sink, true, stop, progress)),
-        None => watched(job, &mut NoSink, false, stop, progress),
+        Some(path) => {
+            RerunSink::create(path, options.clone()).map_err(RunError::from).and_then(|mut sink| match live {
+                None => watched(job, &mut sink, true, stop, progress),
+                Some(live) => {
+                    let mut view = RerunSink::live(live, LIVE_BATCH);
+                    watched(job, &mut Both(&mut sink, &mut view), true, stop, progress)
+                }
+            })
+        }
+        None => match live {
+            None => watched(job, &mut NoSink, false, stop, progress),
+            Some(live) => watched(job, &mut RerunSink::live(live, LIVE_BATCH), true, stop, progress),
+        },
     };
     let outcome = outcome.map_err(|cause| Failure::Run { name, cause })?;
     let wall_s = clock.elapsed_s();
@@ -226,7 +302,7 @@ fn watched<S: RunSink>(
     stop: &AtomicBool,
     progress: &ProgressBar,
 ) -> Result<RunOutcome, RunError> {
-    let provenance = Properties::from([("git_commit".to_owned(), env!("SUPERTWIN_GIT_COMMIT").into())]);
+    let provenance = provenance();
     let mut shown = 0;
     let outcome = supertwin_lab::run(&job.trial, job.seed, sink, recording.then_some(&provenance), |ticks| {
         progress.inc(ticks - shown);

@@ -1,28 +1,118 @@
 //! `supertwin serve SERVICE` and `supertwin up`: services on the network, one per process or all in one.
 
-use crate::cli::{LinkArguments, PaceArgument, ServeArguments, Service, UpArguments};
+use crate::cli::{
+    LinkArguments, LiveArguments, PaceArgument, PlacementArguments, RECORDINGS, RecordingArguments, Service,
+};
 use crate::clock::Stopwatch;
+use crate::door::Door;
 use crate::failure::{Failure, INTERRUPTED};
 use crate::output;
 use crate::placement::{Placement, stop_flag};
+use crate::recorder::{self, Recorder};
+use clap::Args;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use supertwin_lab::Library;
+use supertwin_zenoh::router::{News, expiring};
 use supertwin_zenoh::{
-    Clock, Ending, Engine, Finished, Link, LinkError, Mailbox, Pace, Session, SystemClock, close, keys, session,
+    Clock, Ending, Engine, Finished, Link, LinkError, Mailbox, Pace, Router, Session, SystemClock, close, keys, session,
 };
+
+/// Arguments of `up`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  supertwin up                                   the adaptive law on the paper's course, in real time
+  supertwin up fair --controller pid-tuned --no-mission
+                                                 waits for commands: supertwin set mode follow_net
+  supertwin up --rtf 5                           five times real time
+  supertwin up --record --live                   recorded, and shown in a viewer as it happens
+  supertwin up --pace lockstep                   as fast as the processor, the same bits as `supertwin run`
+
+Exit status: 0 done or stopped, 1 the run could not go on, 2 the call is wrong, 130 a lock-step run was interrupted.")]
+pub(crate) struct UpArguments {
+    /// Trial: a name in config/trials, or a path; the same as --trial
+    #[arg(value_name = "TRIAL", conflicts_with = "trial")]
+    name: Option<String>,
+    #[command(flatten)]
+    placement: PlacementArguments,
+    /// Record into this folder
+    #[arg(long, value_name = "DIR", num_args = 0..=1, default_missing_value = RECORDINGS, help_heading = "Recording")]
+    record: Option<PathBuf>,
+    #[command(flatten)]
+    live: LiveArguments,
+    #[command(flatten)]
+    link: LinkArguments,
+    /// Let other machines in although nothing tells who they are or what they may do
+    #[arg(long, help_heading = "Network")]
+    open_to_everyone: bool,
+}
+
+/// Arguments of `serve`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  supertwin serve router                         on the vehicle
+  supertwin serve plant &  supertwin serve estimator &  supertwin serve controller &
+  supertwin serve guidance --connect tcp/192.168.2.2:7447        topside
+  supertwin serve router --listen tcp/127.0.0.1:0 --json         says on which port
+  supertwin serve shadow --trial paper-agsta     beside a vehicle whose driver writes plant/measurements: takes the same
+                                                 thrust, writes shadow/plant/measurements and shadow/plant/truth
+
+Every service waits for its router, and joins again by itself after a cut.
+Exit status: 0 done or stopped, 1 the run could not go on, 2 the call is wrong, 130 a lock-step run was interrupted.")]
+pub(crate) struct ServeArguments {
+    /// Which
+    #[arg(value_enum)]
+    service: Service,
+    #[command(flatten)]
+    placement: PlacementArguments,
+    #[command(flatten)]
+    recording: RecordingArguments,
+    #[command(flatten)]
+    link: LinkArguments,
+    /// Router: let other machines in although nothing tells who they are or what they may do
+    #[arg(long, help_heading = "Network")]
+    open_to_everyone: bool,
+}
+
+/// Threads of a router that read from the network.
+///
+/// Zenoh closes a connection that is dead, and that it still has something to say to, in one of these, and waits up to
+/// ten seconds for it. By default there are as few as processors: two topside programs behind a cut tether would
+/// silence the vehicle's own services.
+const READERS: &str = "(rx: (worker_threads: 8))";
+
+/// Starts this program again, in this process, with enough threads for a router: Zenoh reads their number from the
+/// environment alone, once.
+fn with_enough_readers() {
+    use std::os::unix::process::CommandExt;
+    const NAME: &str = "ZENOH_RUNTIME";
+    let (None, Ok(program)) = (std::env::var_os(NAME), std::env::current_exe()) else { return };
+    let error = std::process::Command::new(program).args(std::env::args_os().skip(1)).env(NAME, READERS).exec();
+    output::warn(&format!("warning: the router has few threads; set {NAME}='{READERS}': {error}"));
+}
 
 /// One service in this process.
 pub(crate) fn serve(arguments: &ServeArguments, library: &Library) -> Result<ExitCode, Failure> {
+    if arguments.service == Service::Router {
+        with_enough_readers();
+    }
+    if arguments.service == Service::Recorder {
+        return recorder::record(&arguments.recording, &arguments.link, arguments.placement.json, library);
+    }
     let mailbox = Arc::new(Mailbox::default());
     let stop = stop_flag(&mailbox)?;
     if arguments.service == Service::Router {
         return router(arguments, library, &mailbox, &stop);
     }
     let placement = Placement::new(&arguments.placement, library)?;
+    if arguments.service == Service::Shadow && placement.pace == Pace::LockStep {
+        return Err(Failure::Call(
+            "--pace lockstep: a shadow follows the vehicle's time, and nobody waits for it".into(),
+        ));
+    }
     let vehicle = placement.vehicle(arguments.link.vehicle.as_deref());
     let link = arguments.link.link(library, "local", None, Some(&vehicle));
     let Some(session) = open_patiently(link, &stop)? else { return Ok(ExitCode::from(INTERRUPTED)) };
@@ -49,6 +139,7 @@ pub(crate) fn serve(arguments: &ServeArguments, library: &Library) -> Result<Exi
 
 /// All four services in this process, with the router inside.
 pub(crate) fn up(arguments: &UpArguments, library: &Library) -> Result<ExitCode, Failure> {
+    with_enough_readers();
     let mailbox = Arc::new(Mailbox::default());
     let stop = stop_flag(&mailbox)?;
     let mut asked_for = arguments.placement.clone();
@@ -57,21 +148,38 @@ pub(crate) fn up(arguments: &UpArguments, library: &Library) -> Result<ExitCode,
     }
     let mut placement = Placement::new(&asked_for, library)?;
     placement.keep_digests = placement.pace == Pace::LockStep;
+    if placement.pace == Pace::LockStep && arguments.record.is_some() {
+        // The ring waits for the recorder rather than leave a tick out.
+        placement.witnesses.push(recorder::WITNESS.to_owned());
+    }
     placement.rejoins = false;
     let vehicle = placement.vehicle(arguments.link.vehicle.as_deref());
     let role = if arguments.link.connect.is_empty() { ("vehicle-router", Some("router")) } else { ("local", None) };
     let link = arguments.link.link(library, role.0, role.1, Some(&vehicle));
-    warn_exposed(&link)?;
-    let Some(session) = open_patiently(link, &stop)? else { return Ok(ExitCode::from(INTERRUPTED)) };
+    let door = Door::check(&link, arguments.open_to_everyone)?;
     let clock: Arc<dyn Clock> = Arc::new(SystemClock::start());
+    let router = match role.1 {
+        Some(_) => Some(Router::open(&link, Arc::clone(&clock), certificate_news)?),
+        None => None,
+    };
+    let session = match &router {
+        Some(router) => router.session().clone(),
+        None => match open_patiently(link, &stop)? {
+            Some(session) => session,
+            None => return Ok(ExitCode::from(INTERRUPTED)),
+        },
+    };
+    let doorman = door.watch(&session, Some(&vehicle), &clock)?;
     let tick_s = placement.trial.trial.tick_s.get();
     let mut engine = Engine::new(Arc::clone(&mailbox), Arc::clone(&clock), Arc::clone(&stop), tick_s);
     for service in [Service::Plant, Service::Estimator, Service::Guidance, Service::Controller] {
         placement.host(service, &session, &mailbox, &clock, &mut engine)?;
     }
-    let listening = session::locators(&session);
-    let started = json!({ "vehicle": vehicle, "run": placement.run, "listening": listening });
-    say(arguments.placement.json, &started, || started_text(&placement, &vehicle, &listening));
+    let listening = router.as_ref().map_or_else(|| session::locators(&session), Router::locators);
+    let recorder = arguments.recorder(&vehicle, &session, &clock)?;
+    let started =
+        json!({ "vehicle": vehicle, "run": placement.run, "listening": listening, "access_rules": door.json() });
+    say(arguments.placement.json, &started, || started_text(&placement, &vehicle, &listening, &door));
     let stopwatch = Stopwatch::start();
     let ticks = placement.ticks.filter(|_| placement.pace == Pace::LockStep);
     let progress = output::progress(&placement.run, ticks.unwrap_or(0), arguments.placement.json || ticks.is_none());
@@ -83,7 +191,12 @@ pub(crate) fn up(arguments: &UpArguments, library: &Library) -> Result<ExitCode,
     });
     progress.finish_and_clear();
     let wall_s = stopwatch.elapsed_s();
-    close(&session);
+    recorder.map_or(Ok(()), recorder::Background::end)?;
+    drop(doorman);
+    match router {
+        Some(router) => router.close(),
+        None => close(&session),
+    }
     if placement.pace == Pace::LockStep {
         let laps_per_s = finished.ticks as f64 / wall_s;
         let result = json!({
@@ -99,7 +212,33 @@ pub(crate) fn up(arguments: &UpArguments, library: &Library) -> Result<ExitCode,
     Ok(ending(&finished, arguments.placement.pace))
 }
 
-fn started_text(placement: &Placement, vehicle: &str, listening: &[String]) -> String {
+impl UpArguments {
+    /// The recorder beside the services, if a recording or a live view is asked for.
+    fn recorder(
+        &self,
+        vehicle: &str,
+        session: &Session,
+        clock: &Arc<dyn Clock>,
+    ) -> Result<Option<recorder::Background>, Failure> {
+        let json = self.placement.json;
+        let live = recorder::live(&self.live, json)?;
+        if live.is_none() && self.record.is_none() {
+            return Ok(None);
+        }
+        let options = recorder::Options {
+            folder: self.record.clone(),
+            rotation: recorder::Rotation::default(),
+            witness: recorder::WITNESS.to_owned(),
+            vehicle: Some(vehicle.to_owned()),
+            namespaced: true,
+            once: false,
+        };
+        let recorder = Recorder::new(session, Arc::clone(clock), live, options)?;
+        Ok(Some(recorder.in_background(json)))
+    }
+}
+
+fn started_text(placement: &Placement, vehicle: &str, listening: &[String], door: &Door) -> String {
     let pace = match placement.pace {
         Pace::LockStep => "in lock step".to_owned(),
         Pace::RealTime(1.0) => "in real time".to_owned(),
@@ -107,9 +246,10 @@ fn started_text(placement: &Placement, vehicle: &str, listening: &[String]) -> S
     };
     let places = listening.join(", ");
     format!(
-        "{vehicle} is up, run {} {pace}; reach it at {places}\n\
+        "{vehicle} is up, run {} {pace}; reach it at {places}; {}\n\
          Try: supertwin top     supertwin set depth_m 5     (Ctrl-C ends it)",
-        placement.run
+        placement.run,
+        door.text()
     )
 }
 
@@ -120,30 +260,36 @@ fn router(
     stop: &Arc<AtomicBool>,
 ) -> Result<ExitCode, Failure> {
     let link = arguments.link.link(library, "vehicle-router", Some("router"), None);
-    warn_exposed(&link)?;
-    let session = link.open()?;
-    let listening = session::locators(&session);
-    say(arguments.placement.json, &json!({ "listening": listening }), || {
-        format!("router: listening on {}; Ctrl-C ends it", listening.join(", "))
+    let door = Door::check(&link, arguments.open_to_everyone)?;
+    let clock: Arc<dyn Clock> = Arc::new(SystemClock::start());
+    let router = Router::open(&link, Arc::clone(&clock), certificate_news)?;
+    let doorman = door.watch(router.session(), None, &clock)?;
+    let listening = router.locators();
+    say(arguments.placement.json, &json!({ "listening": listening, "access_rules": door.json() }), || {
+        format!("router: listening on {}; {}; Ctrl-C ends it", listening.join(", "), door.text())
     });
-    let clock = SystemClock::start();
     while !stop.load(Ordering::Relaxed) {
-        mailbox.wait(&clock, None);
+        mailbox.wait(&*clock, None);
     }
-    close(&session);
+    drop(doorman);
+    router.close();
     Ok(ExitCode::SUCCESS)
 }
 
-fn warn_exposed(link: &Link) -> Result<(), Failure> {
-    for exposure in session::exposures(&link.settings()?) {
-        output::warn(&format!("warning: {exposure}"));
+/// What a router says about its certificate; standard output belongs to results.
+fn certificate_news(news: News) {
+    match news {
+        News::Renewed(text) => output::warn(&text),
+        News::Warning(text) => output::warn(&format!("warning: {text}")),
     }
-    Ok(())
 }
 
 /// Opens a session, and waits for a router that is not there yet; `None` when interrupted.
 pub(crate) fn open_patiently(mut link: Link, stop: &AtomicBool) -> Result<Option<Session>, Failure> {
     link.patience_ms = 1000;
+    if let Some(text) = expiring(&link.settings()?, &SystemClock::start()).map_err(LinkError::from)? {
+        output::warn(&format!("warning: {text}"));
+    }
     let mut said = false;
     while !stop.load(Ordering::Relaxed) {
         match link.open() {
@@ -201,6 +347,7 @@ impl LinkArguments {
             file,
             listen: self.listen.clone(),
             connect: self.connect.clone(),
+            credentials: self.credentials.clone(),
             overrides: self.zenoh_set.clone(),
             mode,
             namespace: vehicle.map(keys::namespace),

@@ -1,9 +1,10 @@
 //! `supertwin top`: services, rates, ages, gaps, step times, live.
 
-use crate::cli::TopArguments;
+use crate::cli::ToolArguments;
 use crate::failure::Failure;
 use crate::output;
 use crate::tool::{Tool, table};
+use clap::Args;
 use serde::Serialize;
 use serde_json::json;
 use std::collections::BTreeMap;
@@ -12,6 +13,26 @@ use std::process::ExitCode;
 use std::time::Duration;
 use supertwin_lab::Library;
 use supertwin_zenoh::{Health, Heard, keys};
+
+/// Arguments of `top`.
+#[derive(Debug, Args)]
+#[command(mut_arg("json", |json| json.help("Print one JSON object per snapshot")))]
+#[command(after_help = "Examples:
+  supertwin top                                  redraws every second; Ctrl-C ends it
+  supertwin top --json                           one snapshot as JSON
+  supertwin top --count 60 --json > health.jsonl a minute, one object per line
+
+Columns: age: greatest age of an input at a step, in ticks, during the last second; missing, double, late: messages
+of all inputs since the start; step: microseconds; misses: ticks that began too late to be sent.
+Exit status: 0 done or stopped, 1 nobody is up, 2 the call is wrong or there is no router.")]
+pub(crate) struct TopArguments {
+    /// End after this many snapshots [default: on a terminal: never; else 1]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    count: Option<u64>,
+
+    #[command(flatten)]
+    tool: ToolArguments,
+}
 
 /// Health comes once a second; a rate needs two.
 const FIRST_WAIT_S: f64 = 3.0;
@@ -150,16 +171,16 @@ impl Board {
 
 /// Health of all services, live.
 pub(crate) fn top(arguments: &TopArguments, library: &Library) -> Result<ExitCode, Failure> {
-    let mut tool = Tool::open(&arguments.link, library)?;
-    let vehicle = tool.vehicle(arguments.link.vehicle.as_deref())?;
+    let mut tool = Tool::open(&arguments.tool.link, library)?;
+    let vehicle = tool.vehicle(arguments.tool.link.vehicle.as_deref())?;
     let prefix = keys::namespace(&vehicle);
     tool.inbox.listen(&tool.session, &format!("{prefix}/{}", keys::health("*")))?;
     tool.inbox.listen_alive(&tool.session, &format!("{prefix}/{}", keys::alive("*", "*")))?;
-    let terminal = std::io::stdout().is_terminal() && !arguments.json;
+    let terminal = std::io::stdout().is_terminal() && !arguments.tool.json;
     let count = arguments.count.or((!terminal).then_some(1));
     let mut board = Board::default();
     let first = tool.after(FIRST_WAIT_S);
-    if std::io::stderr().is_terminal() && !arguments.json {
+    if std::io::stderr().is_terminal() && !arguments.tool.json {
         output::warn(&format!("{vehicle}: waiting for the services to say how they are …"));
     }
     while !board.complete()
@@ -173,7 +194,7 @@ pub(crate) fn top(arguments: &TopArguments, library: &Library) -> Result<ExitCod
     }
     let mut shown = 0;
     while !tool.stop.interrupted() {
-        show(&board, &vehicle, tool.clock.now(), arguments.json, terminal);
+        show(&board, &vehicle, tool.clock.now(), arguments.tool.json, terminal);
         shown += 1;
         if count.is_some_and(|count| shown >= count) {
             break;

@@ -1,10 +1,11 @@
 //! `supertwin verify`: the same bits in one process, in separate processes, and over a bad link.
 
-use crate::cli::{Cli, VerifyArguments};
+use crate::cli::{Cli, TrialsArguments, positive};
 use crate::clock::Stopwatch;
 use crate::failure::{Failure, INTERRUPTED};
 use crate::output;
 use crate::placement::{stop_flag, unique};
+use clap::Args;
 use comfy_table::presets::UTF8_FULL_CONDENSED;
 use comfy_table::{CellAlignment, ContentArrangement, Table};
 use serde::Serialize;
@@ -17,12 +18,37 @@ use supertwin_core::digest::{DigestProbe, RunDigest};
 use supertwin_core::observe::Snapshot;
 use supertwin_core::{Observe, Tick};
 use supertwin_lab::mission::Mission;
-use supertwin_lab::{ResolvedTrial, Twin, trial};
+use supertwin_lab::{ResolvedTrial, Twin};
 use supertwin_zenoh::witness::{Lap, RING};
 use supertwin_zenoh::{FaultRates, Link, Mailbox, Shape, SystemClock, WitnessOptions, close, keys, witness};
 
-/// The paper's three case studies.
-const DEFAULT_TRIALS: [&str; 3] = ["paper-gsta", "paper-agsta", "paper-pid"];
+/// Arguments of `verify`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  supertwin verify                               the paper's three trials, 60 s each
+  supertwin verify paper-agsta --duration 10
+  supertwin verify --router tcp/127.0.0.1:7447   over a router that runs already, such as a stock zenohd
+
+Each trial runs in one process; as four processes in lock step, connected only through a router; and again with a
+tenth of all messages lost and a tenth sent twice.
+Exit status: 0 the same bits everywhere, 1 not, 2 the call or its input is wrong, 130 interrupted.")]
+pub(crate) struct VerifyArguments {
+    #[command(flatten)]
+    trials: TrialsArguments,
+
+    /// Simulated seconds
+    #[arg(long, value_name = "S", default_value = "60", value_parser = positive)]
+    duration: f64,
+
+    /// Use this router instead of starting one
+    #[arg(long, value_name = "ENDPOINT")]
+    router: Option<String>,
+
+    /// Print one JSON object instead of a table
+    #[arg(long)]
+    json: bool,
+}
+
 /// Name of the witness.
 const WITNESS: &str = "verify";
 
@@ -61,22 +87,13 @@ pub(crate) fn verify(cli: &Cli, arguments: &VerifyArguments) -> Result<ExitCode,
     let library = cli.library();
     let mailbox = Arc::new(Mailbox::default());
     let stop = stop_flag(&mailbox)?;
-    let names: Vec<&str> = if arguments.trials.is_empty() {
-        DEFAULT_TRIALS.to_vec()
-    } else {
-        arguments.trials.iter().map(String::as_str).collect()
-    };
-    let mut trials = Vec::new();
-    for name in names {
-        trials.extend(trial::load(&library, name)?.into_iter().map(|trial| (name, trial)));
-    }
-    library.all_used(&trials.iter().map(|(_, trial)| trial.clone()).collect::<Vec<_>>())?;
+    let trials = arguments.trials.load(&library)?;
     let mut rows = Vec::new();
-    for (name, trial) in &trials {
+    for trial in &trials {
         let ticks = Tick::at_or_after(arguments.duration, trial.trial.tick_s.get());
         rows.push(in_one_process(trial, ticks)?);
         for (placement, faults) in [("four processes", None), ("four processes, bad link", Some((0.1, 0.1)))] {
-            let job = Job { cli, arguments, name, trial, ticks, placement, faults };
+            let job = Job { cli, arguments, trial, ticks, placement, faults };
             rows.push(job.run(&stop)?);
             if stop.load(std::sync::atomic::Ordering::Relaxed) {
                 return Ok(ExitCode::from(INTERRUPTED));
@@ -140,7 +157,6 @@ fn in_one_process(trial: &ResolvedTrial, ticks: u64) -> Result<Row, Failure> {
 struct Job<'a> {
     cli: &'a Cli,
     arguments: &'a VerifyArguments,
-    name: &'a str,
     trial: &'a ResolvedTrial,
     ticks: u64,
     placement: &'static str,
@@ -219,7 +235,7 @@ impl Job<'_> {
         let mut words: Vec<String> = common(self.cli);
         words.extend(["serve", service, "--pace", "lockstep", "--connect", endpoint].map(str::to_owned));
         words.extend(["--vehicle".to_owned(), vehicle.to_owned()]);
-        words.extend(["--trial".to_owned(), self.name.to_owned()]);
+        words.extend(["--trial".to_owned(), self.trial.path.display().to_string()]);
         words.extend(["--controller".to_owned(), self.trial.controller_name.clone()]);
         words.extend(["--duration".to_owned(), self.arguments.duration.to_string()]);
         if service == "plant" {

@@ -1,9 +1,10 @@
 //! `supertwin list`, `echo` and `hz`: what is alive and what flows.
 
-use crate::cli::{EchoArguments, HzArguments, ListArguments};
+use crate::cli::{ToolArguments, positive};
 use crate::failure::{Failure, INTERRUPTED};
 use crate::output;
 use crate::tool::{Tool, progress, table};
+use clap::Args;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
@@ -12,6 +13,71 @@ use std::time::Duration;
 use supertwin_lab::Library;
 use supertwin_zenoh::ledger::{Counts, Ledger};
 use supertwin_zenoh::{Heard, client};
+
+/// Arguments of `list`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  supertwin list
+  supertwin list --for 5 --json                  also what is seldom published
+  supertwin list --connect tcp/192.168.2.2:7447
+
+Exit status: 0 done (also when nobody is up), 2 the call is wrong or there is no router, 130 interrupted.")]
+pub(crate) struct ListArguments {
+    /// Seconds to listen for keys
+    #[arg(long = "for", value_name = "S", default_value = "1.2", value_parser = positive)]
+    for_s: f64,
+
+    #[command(flatten)]
+    tool: ToolArguments,
+}
+
+/// Arguments of `echo`.
+#[derive(Debug, Args)]
+#[command(mut_arg("json", |json| json.help("Print one JSON object per line")))]
+#[command(after_help = "Examples:
+  supertwin echo 'event/**'                      what happened so far, and what happens
+  supertwin echo estimator/nav --count 1 --json
+  supertwin echo 'state/**' --for 10
+  supertwin echo 'supertwin/*/health/*'          of all vehicles
+
+Exit status: 0 done or stopped, 1 nothing was heard, 2 the call is wrong or there is no router.")]
+pub(crate) struct EchoArguments {
+    /// Key below the vehicle's, or a full one from supertwin/ on; * is one part, ** any number
+    #[arg(value_name = "KEY")]
+    key: String,
+
+    /// End after this many samples
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    count: Option<u64>,
+
+    /// End after this many seconds
+    #[arg(long = "for", value_name = "S", value_parser = positive)]
+    for_s: Option<f64>,
+
+    #[command(flatten)]
+    tool: ToolArguments,
+}
+
+/// Arguments of `hz`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  supertwin hz estimator/nav
+  supertwin hz 'telemetry/*' --for 20
+  supertwin hz '**' --json                       everything of the vehicle
+
+Exit status: 0 done, 1 nothing was heard, 2 the call is wrong or there is no router, 130 interrupted.")]
+pub(crate) struct HzArguments {
+    /// Key below the vehicle's, or a full one from supertwin/ on; * is one part, ** any number
+    #[arg(value_name = "KEY")]
+    key: String,
+
+    /// Seconds to listen
+    #[arg(long = "for", value_name = "S", default_value = "5", value_parser = positive)]
+    for_s: f64,
+
+    #[command(flatten)]
+    tool: ToolArguments,
+}
 
 /// What of a payload says who sent it, and as which; the rest is not read.
 #[derive(Debug, Deserialize)]
@@ -110,11 +176,11 @@ fn listen(tool: &Tool, for_s: f64, what: &str, quiet: bool, mut each: impl FnMut
 
 /// Vehicles, services, keys.
 pub(crate) fn list(arguments: &ListArguments, library: &Library) -> Result<ExitCode, Failure> {
-    let mut tool = Tool::open(&arguments.link, library)?;
-    let only = arguments.link.vehicle.as_deref();
+    let mut tool = Tool::open(&arguments.tool.link, library)?;
+    let only = arguments.tool.link.vehicle.as_deref();
     tool.inbox.listen(&tool.session, &format!("supertwin/{}/**", only.unwrap_or("*")))?;
     let mut flows: BTreeMap<String, Flow> = BTreeMap::new();
-    listen(&tool, arguments.for_s, "listening for keys", arguments.json, |heard| {
+    listen(&tool, arguments.for_s, "listening for keys", arguments.tool.json, |heard| {
         flows.entry(heard.key.clone()).or_insert_with(Flow::new).enter(heard);
     });
     let mut alive = client::alive(&tool.session)?;
@@ -143,12 +209,12 @@ pub(crate) fn list(arguments: &ListArguments, library: &Library) -> Result<ExitC
             json!({ "vehicle": vehicle, "services": services, "operators": operators, "keys": keys })
         })
         .collect();
-    if arguments.json {
+    if arguments.tool.json {
         output::print(&json!({ "vehicles": listed, "for_s": arguments.for_s }).to_string());
     } else if listed.is_empty() {
         output::print("nobody is up: start a vehicle with `supertwin up`");
     }
-    for vehicle in listed.iter().filter(|_| !arguments.json) {
+    for vehicle in listed.iter().filter(|_| !arguments.tool.json) {
         output::print(&listed_text(vehicle, arguments.for_s));
     }
     let interrupted = tool.stop.interrupted();
@@ -179,8 +245,8 @@ fn listed_text(vehicle: &Value, for_s: f64) -> String {
 
 /// What is published on a key.
 pub(crate) fn echo(arguments: &EchoArguments, library: &Library) -> Result<ExitCode, Failure> {
-    let mut tool = Tool::open(&arguments.link, library)?;
-    let key = tool.key(&arguments.link, &arguments.key)?;
+    let mut tool = Tool::open(&arguments.tool.link, library)?;
+    let key = tool.key(&arguments.tool.link, &arguments.key)?;
     // Only listeners of events and nothing else ask for the past: a pattern such as ** would fetch it in the middle
     // of everything else.
     let end = arguments.for_s.map(|for_s| tool.after(for_s));
@@ -194,7 +260,7 @@ pub(crate) fn echo(arguments: &EchoArguments, library: &Library) -> Result<ExitC
     let mut shown = 0;
     while arguments.count.is_none_or(|count| shown < count) {
         let Some(heard) = past.pop_front().or_else(|| tool.inbox.next(end)) else { break };
-        output::print(&if arguments.json { sample_json(&heard).to_string() } else { sample_text(&heard) });
+        output::print(&if arguments.tool.json { sample_json(&heard).to_string() } else { sample_text(&heard) });
         shown += 1;
     }
     let (lost, interrupted) = (tool.inbox.lost(), tool.stop.interrupted());
@@ -274,12 +340,12 @@ struct Rate {
 
 /// Rates.
 pub(crate) fn hz(arguments: &HzArguments, library: &Library) -> Result<ExitCode, Failure> {
-    let mut tool = Tool::open(&arguments.link, library)?;
-    let key = tool.key(&arguments.link, &arguments.key)?;
+    let mut tool = Tool::open(&arguments.tool.link, library)?;
+    let key = tool.key(&arguments.tool.link, &arguments.key)?;
     tool.inbox.listen(&tool.session, &key)?;
     let began = tool.clock.now();
     let mut flows: BTreeMap<String, Flow> = BTreeMap::new();
-    listen(&tool, arguments.for_s, &format!("listening to {key}"), arguments.json, |heard| {
+    listen(&tool, arguments.for_s, &format!("listening to {key}"), arguments.tool.json, |heard| {
         flows.entry(heard.key.clone()).or_insert_with(Flow::new).enter(heard);
     });
     let listened_s = tool.clock.now().saturating_sub(began).as_secs_f64();
@@ -306,7 +372,7 @@ pub(crate) fn hz(arguments: &HzArguments, library: &Library) -> Result<ExitCode,
             writers: flow.writers,
         })
         .collect();
-    output::print(&if arguments.json {
+    output::print(&if arguments.tool.json {
         json!({ "for_s": listened_s, "keys": rates }).to_string()
     } else {
         rates_text(&rates)

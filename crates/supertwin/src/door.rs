@@ -1,0 +1,84 @@
+//! A router's door: it does not stand open by mistake, says which rules it keeps, and who was turned away.
+
+use crate::failure::Failure;
+use crate::output;
+use serde_json::{Value, json};
+use std::sync::Arc;
+use supertwin_core::Tick;
+use supertwin_core::run::Severity;
+use supertwin_zenoh::doorman::Doorman;
+use supertwin_zenoh::{Clock, Link, LinkError, Session, Voice, access, keys, session, unique};
+
+/// What a router may let in.
+#[derive(Clone, Debug)]
+pub(crate) struct Door {
+    /// Hash of its rules; `None`: whoever reaches it may do everything.
+    rules: Option<String>,
+    /// The vehicle that its settings name.
+    vehicle: Option<String>,
+}
+
+impl Door {
+    /// Looks at the settings before anything is opened: others may only reach a router that asks them who they are.
+    pub(crate) fn check(link: &Link, open_to_everyone: bool) -> Result<Self, Failure> {
+        let settings = link.settings()?;
+        let open = session::open_listeners(&settings);
+        if !open.is_empty() && !open_to_everyone {
+            return Err(Failure::Call(format!(
+                "the router {}: whoever reaches it could steer the vehicle. Lock it (supertwin zenoh-config vehicle \
+                 --vehicle NAME --credentials DIR --out router.json5), listen on loopback or a unix socket, or say \
+                 --open-to-everyone",
+                open.join(", and ")
+            )));
+        }
+        for exposure in session::exposures(&settings) {
+            output::warn(&format!("warning: {exposure}"));
+        }
+        let locked = settings["access_control"]["enabled"] == json!(true);
+        Ok(Self {
+            rules: locked.then(|| access::hash(&settings)),
+            vehicle: settings["metadata"]["vehicle"].as_str().map(str::to_owned),
+        })
+    }
+
+    /// Which rules it keeps, for people.
+    pub(crate) fn text(&self) -> String {
+        match &self.rules {
+            Some(hash) => format!("access rules {hash}"),
+            None => "no access rules: whoever reaches it may do everything".to_owned(),
+        }
+    }
+
+    /// The same for programs: their hash, or nothing.
+    pub(crate) fn json(&self) -> Value {
+        json!(self.rules)
+    }
+
+    /// Says who comes and who is turned away: on standard error, and as events of the router if the vehicle is known.
+    /// `namespace` is the session's own vehicle.
+    pub(crate) fn watch(
+        &self,
+        session: &Session,
+        namespace: Option<&str>,
+        clock: &Arc<dyn Clock>,
+    ) -> Result<Option<Doorman>, LinkError> {
+        if self.rules.is_none() {
+            return Ok(None);
+        }
+        let root = match (namespace, &self.vehicle) {
+            (Some(_), _) => Some(String::new()),
+            (None, Some(vehicle)) => Some(format!("{}/", keys::namespace(vehicle))),
+            (None, None) => None,
+        };
+        let open = |root: &String| Voice::unseen(session, root, "router", &unique(), Arc::clone(clock));
+        let mut voice = root.as_ref().map(open).transpose()?;
+        Ok(Some(Doorman::new(Arc::clone(clock), move |knock, times| {
+            let (text, refusal) = (knock.text(times), knock.is_refusal());
+            output::warn(&format!("{}{text}", if refusal { "refused: " } else { "" }));
+            if let Some(voice) = &mut voice {
+                let severity = if refusal { Severity::Warning } else { Severity::Info };
+                voice.event("", Tick { k: 0, dt_s: 0.0 }, severity, text);
+            }
+        })))
+    }
+}

@@ -1,0 +1,185 @@
+//! The doctor's proof of access control: each role whose credentials are at hand tries what it may and may not.
+
+use crate::failure::Failure;
+use crate::output;
+use crate::tool::{Tool, progress, table};
+use std::path::{Path, PathBuf};
+use supertwin_zenoh::access::probe::Witness;
+use supertwin_zenoh::access::{self, Attempt, Verb};
+use supertwin_zenoh::pki::{self, Credentials};
+use supertwin_zenoh::role::Role;
+use supertwin_zenoh::{Link, LinkError, Session, close};
+
+/// What one holder may and may not.
+#[derive(Clone, Debug)]
+pub(crate) struct Proof {
+    /// Common name of the certificate.
+    pub(crate) who: String,
+    role: Role,
+    /// One for each row and verb of the matrix.
+    pub(crate) attempts: Vec<Attempt>,
+}
+
+impl Proof {
+    /// What is not as documented.
+    pub(crate) fn differences(&self) -> Vec<String> {
+        let what = |attempt: &Attempt| {
+            let may = if attempt.allowed { "may not, and should" } else { "may, and should not" };
+            format!("{may}: {} {}", attempt.verb, attempt.keys.join(", "))
+        };
+        self.attempts.iter().filter(|attempt| attempt.differs()).map(what).collect()
+    }
+
+    /// Attempts that told something.
+    pub(crate) fn tried(&self) -> usize {
+        self.attempts.iter().filter(|attempt| attempt.observed.is_some()).count()
+    }
+}
+
+/// A holder's credentials, and what their certificate says.
+#[derive(Clone, Debug)]
+pub(crate) struct Holder {
+    place: PathBuf,
+    who: String,
+    role: Role,
+}
+
+/// The credentials at a place: a holder's folder, or a folder with several of those.
+pub(crate) fn holders(place: &Path) -> Result<Vec<Holder>, Failure> {
+    let one = |place: &Path| -> Option<Holder> {
+        let certificate = pki::read(&Credentials::find(place).ok()?.certificate).ok()?;
+        Some(Holder { place: place.to_owned(), who: certificate.common_name, role: certificate.role? })
+    };
+    if let Some(holder) = one(place) {
+        return Ok(vec![holder]);
+    }
+    let failed = |cause: std::io::Error| Failure::Path { path: place.display().to_string(), cause: cause.to_string() };
+    let mut folders: Vec<PathBuf> = std::fs::read_dir(place)
+        .map_err(failed)?
+        .flatten()
+        .map(|entry| entry.path())
+        .filter(|path| path.is_dir())
+        .collect();
+    folders.sort();
+    let found: Vec<Holder> = folders.iter().filter_map(|path| one(path)).collect();
+    if found.is_empty() {
+        // In its own words, why it is none.
+        Credentials::find(place)?;
+        let (path, cause) = (place.display().to_string(), "no credentials of a role in it".to_owned());
+        return Err(Failure::Path { path, cause });
+    }
+    Ok(found)
+}
+
+/// Whose credentials the doctor itself uses: who sees most.
+pub(crate) fn best(holders: &[Holder]) -> Option<&Path> {
+    let order = [Role::Vehicle, Role::Operator, Role::Recorder, Role::Observer, Role::Guidance];
+    let rank = |holder: &&Holder| order.iter().position(|role| *role == holder.role);
+    holders.iter().min_by_key(rank).map(|holder| holder.place.as_path())
+}
+
+/// Lets every holder try everything; whether there was a witness to see what arrives.
+pub(crate) fn prove(
+    tool: &Tool,
+    link: &Link,
+    local: &Link,
+    holders: &[Holder],
+    vehicle: &str,
+    quiet: bool,
+) -> Result<(Vec<Proof>, bool), Failure> {
+    let sees_all = witness_session(tool, link, local, holders);
+    let mut witness = sees_all.as_ref().map(|(session, _)| Witness::open(session, vehicle)).transpose()?;
+    let bar = progress(0.1 * holders.len() as f64, "trying what each role may", quiet);
+    let mut proofs = Vec::new();
+    for holder in holders.iter().take_while(|_| !tool.stop.interrupted()) {
+        let session = join(link, holder)?;
+        // A witness of another router would see nothing, and call everything denied.
+        if holder.role != Role::Vehicle
+            && let Some(seer) = &mut witness
+            && !seer.settle(&session, || Ok(()))?
+        {
+            output::warn(&format!("warning: {} reaches no vehicle called {vehicle} here", holder.who));
+        }
+        let attempts = access::prove(&session, holder.role, vehicle, witness.as_mut(), &tool.clock)?;
+        close(&session);
+        proofs.push(Proof { who: holder.who.clone(), role: holder.role, attempts });
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    let seen = witness.is_some();
+    drop(witness);
+    if let Some((session, true)) = sees_all {
+        close(&session);
+    }
+    Ok((proofs, seen))
+}
+
+fn join(link: &Link, holder: &Holder) -> Result<Session, LinkError> {
+    Link { credentials: Some(holder.place.clone()), ..link.clone() }.open()
+}
+
+/// A session with full access: by the vehicle's socket, or with its own credentials. True if it is a new one.
+fn witness_session(tool: &Tool, link: &Link, local: &Link, holders: &[Holder]) -> Option<(Session, bool)> {
+    if link.connect.iter().any(|endpoint| endpoint.starts_with("unixsock")) {
+        return Some((tool.session.clone(), false));
+    }
+    let vehicle = holders.iter().find(|holder| holder.role == Role::Vehicle);
+    let own = vehicle.and_then(|holder| join(link, holder).ok());
+    own.or_else(|| local.open().ok()).map(|session| (session, true))
+}
+
+/// What was found beside what is documented, a column for each holder.
+pub(crate) fn matrix(proofs: &[Proof]) -> String {
+    let header: Vec<&str> = ["key"].into_iter().chain(proofs.iter().map(|proof| proof.who.as_str())).collect();
+    let rows = access::matrix();
+    let cells = rows.iter().map(|row| {
+        let cell = |proof: &Proof| -> String {
+            let letters = access::letters(row, proof.role);
+            let of_row = proof.attempts.iter().filter(|attempt| attempt.keys == row.keys);
+            letters.chars().zip(of_row).map(|(letter, attempt)| mark(letter, attempt)).collect()
+        };
+        let more = if row.keys.len() > 1 { ", …" } else { "" };
+        [format!("{}{more}", row.keys[0])].into_iter().chain(proofs.iter().map(cell)).collect()
+    });
+    format!(
+        "{}\n\n{}; · may not; ? not tried; ! is not as documented",
+        table(&header, cells.collect(), header.len()),
+        Verb::ALL
+            .map(|verb| format!("{} {verb}", verb.name().chars().take(1).collect::<String>().to_uppercase()))
+            .join(", ")
+    )
+}
+
+fn mark(letter: char, attempt: &Attempt) -> String {
+    match attempt.observed {
+        None if attempt.allowed => format!("{}?", letter.to_lowercase()),
+        None => "?".to_owned(),
+        Some(_) if attempt.differs() => format!("{letter}!"),
+        Some(_) => letter.to_string(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn attempt(allowed: bool, observed: Option<bool>) -> Attempt {
+        Attempt { keys: vec!["clock/ping".to_owned()], verb: Verb::Get, allowed, observed }
+    }
+
+    #[test]
+    fn only_what_was_tried_can_differ() {
+        let attempts = vec![
+            attempt(true, None),
+            attempt(false, None),
+            attempt(true, Some(true)),
+            attempt(true, Some(false)),
+            attempt(false, Some(true)),
+        ];
+        let proof = Proof { who: "operator.rov".to_owned(), role: Role::Operator, attempts };
+        assert_eq!(proof.differences(), ["may not, and should: get clock/ping", "may, and should not: get clock/ping"]);
+        assert_eq!(proof.tried(), 3);
+        let marks: Vec<String> = proof.attempts.iter().map(|attempt| mark('G', attempt)).collect();
+        assert_eq!(marks, ["g?", "?", "G", "G!", "G!"]);
+    }
+}

@@ -1,0 +1,293 @@
+//! What one vehicle says, sorted into the recording of its run.
+
+mod hear;
+mod write;
+
+use super::account::Account;
+use super::catalogue::Catalogue;
+use super::keep::{Keep, News, Rotation};
+use super::laps::Laps;
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::thread::JoinHandle;
+use std::time::Duration;
+use supertwin_core::digest::RunDigest;
+use supertwin_core::message::{Measurements, Message as _, Nav, Reference, Thrust, WrenchRequest};
+use supertwin_core::run::{Properties, Severity};
+use supertwin_core::{Event, Tick};
+use supertwin_rerun::{Clocks, Live};
+use supertwin_zenoh::witness::RING;
+use supertwin_zenoh::{Clock, Health, Inbox, LinkError, Receipts, Session, Voice, keys};
+
+/// Wires whose exact bytes are kept: what a replay needs.
+pub(crate) const WIRES: [&str; 7] = [
+    Measurements::KEY,
+    Nav::KEY,
+    Reference::KEY,
+    Thrust::KEY,
+    WrenchRequest::KEY,
+    supertwin_lab::shadow::MEASUREMENTS,
+    supertwin_lab::shadow::TRUTH,
+];
+/// How long a run that nobody describes is waited for before it is recorded without its configuration.
+const DESCRIBED: Duration = Duration::from_secs(3);
+/// How often a question that nobody answers is asked again.
+const ASK: Duration = Duration::from_millis(500);
+/// Events and messages that wait for their run to be known.
+const ROOM: usize = 20_000;
+
+/// Before the first tick.
+const START: Tick = Tick { k: 0, dt_s: 0.0 };
+
+/// What all vehicles of one recorder have in common.
+#[derive(Clone)]
+pub(crate) struct Shared {
+    pub(crate) session: Session,
+    pub(crate) clock: Arc<dyn Clock>,
+    pub(crate) instance: String,
+    /// Name as a witness in lock step.
+    pub(crate) witness: String,
+    pub(crate) folder: Option<PathBuf>,
+    pub(crate) live: Option<Live>,
+    pub(crate) rotation: Rotation,
+}
+
+/// A message that has been read as far as its header.
+struct Kept {
+    key: String,
+    run: String,
+    tick: u64,
+    clocks: Clocks,
+    bytes: Vec<u8>,
+}
+
+/// One vehicle.
+pub(crate) struct Vehicle {
+    name: String,
+    root: String,
+    shared: Shared,
+    voice: Voice,
+    receipts: Receipts,
+    catalogue: Catalogue,
+    account: Account,
+    about: BTreeMap<String, Properties>,
+    run: Option<Run>,
+    /// Nothing may be lost while a run is not yet known.
+    events: Vec<(String, Event, Clocks)>,
+    wires: Vec<Kept>,
+    states: Vec<(String, Clocks, String)>,
+    asked_at: Duration,
+    /// The end of a lock-step run that has been announced: tick, complete.
+    stop: Option<(u64, bool)>,
+    /// Signals that nobody has described, since when.
+    undescribed: Option<Duration>,
+    /// How many runs have come to their end here.
+    pub(crate) finished: u64,
+    /// Files of runs that are over and are being rewritten.
+    pub(crate) compacting: Vec<JoinHandle<Result<(), String>>>,
+    /// What happened to files, for whoever shows it.
+    pub(crate) news: Vec<Value>,
+}
+
+/// A run that is being recorded, or will be as soon as it is described.
+struct Run {
+    id: String,
+    laps: Laps,
+    keep: Option<Keep>,
+    first_heard: Duration,
+    dt_s: f64,
+    lock_step: bool,
+    digest: RunDigest,
+    /// The hash covers every tick from the first.
+    digest_whole: bool,
+    ticks: u64,
+    last: Tick,
+    wire_seen: BTreeMap<String, (String, u64)>,
+    wire_missing: BTreeMap<String, u64>,
+    widths: BTreeMap<&'static str, usize>,
+    warnings: u64,
+}
+
+impl Run {
+    fn new(id: &str, now: Duration) -> Self {
+        Self {
+            id: id.to_owned(),
+            laps: Laps::default(),
+            keep: None,
+            first_heard: now,
+            dt_s: 0.0,
+            lock_step: false,
+            digest: RunDigest::default(),
+            digest_whole: true,
+            ticks: 0,
+            last: START,
+            wire_seen: BTreeMap::new(),
+            wire_missing: BTreeMap::new(),
+            widths: BTreeMap::new(),
+            warnings: 0,
+        }
+    }
+}
+
+impl Vehicle {
+    /// Begins to listen; `root` is what its keys begin with.
+    pub(crate) fn new(name: &str, root: &str, shared: &Shared, inbox: &Inbox) -> Result<Self, LinkError> {
+        let now = shared.clock.now();
+        let voice = Voice::open(&shared.session, root, "recorder", &shared.instance, Arc::clone(&shared.clock))?;
+        let receipts = Receipts::open(&shared.session, root, &shared.witness, &shared.instance, None, now)?;
+        let mut vehicle = Self {
+            name: name.to_owned(),
+            root: root.to_owned(),
+            shared: shared.clone(),
+            voice,
+            receipts,
+            catalogue: Catalogue::default(),
+            account: Account::default(),
+            about: BTreeMap::new(),
+            run: None,
+            events: Vec::new(),
+            wires: Vec::new(),
+            states: Vec::new(),
+            asked_at: now,
+            stop: None,
+            undescribed: None,
+            finished: 0,
+            compacting: Vec::new(),
+            news: Vec::new(),
+        };
+        vehicle.inquire(inbox);
+        for service in RING {
+            // Whoever was here before may have left a gap that the services can still fill.
+            inbox.recall(&shared.session, &format!("{root}{}", keys::telemetry(service)), None);
+        }
+        Ok(vehicle)
+    }
+
+    fn inquire(&mut self, inbox: &Inbox) {
+        self.asked_at = self.shared.clock.now();
+        inbox.inquire(&self.shared.session, &format!("{}{}", self.root, keys::state("*", "**")));
+    }
+
+    /// Asks a service for its newest telemetry again.
+    fn recall(&self, service: usize, newest: u64, inbox: &Inbox) {
+        let key = format!("{}{}", self.root, keys::telemetry(RING[service]));
+        inbox.recall(&self.shared.session, &key, Some(newest));
+    }
+
+    /// The sender's clock, and the recorder's when the message arrived.
+    fn clocks(&self, sender_ns: u64, arrived: Duration) -> Clocks {
+        let narrow = |ns: u64| i64::try_from(ns).unwrap_or(i64::MAX);
+        let waited = self.shared.clock.now().saturating_sub(arrived).as_nanos();
+        let recorder_ns = narrow(self.shared.clock.unix_ns()) - i64::try_from(waited).unwrap_or(0);
+        Clocks { sender_ns: narrow(sender_ns), recorder_ns }
+    }
+
+    /// The recorder was too slow for so many messages.
+    pub(crate) fn overrun(&mut self, lost: u64) {
+        self.account.refused += lost;
+        self.tell(Severity::Error, format!("gap: the recorder was too slow for {lost} messages"));
+    }
+
+    /// Says something about the recording, in the recording as well.
+    fn tell(&mut self, severity: Severity, text: String) {
+        let (id, tick) = self.run.as_ref().map_or((String::new(), START), |run| (run.id.clone(), run.last));
+        let event = self.voice.event(&id, tick, severity, text);
+        let clocks = self.clocks(self.shared.clock.unix_ns(), self.shared.clock.now());
+        self.events.push((id, event, clocks));
+    }
+
+    /// Writes what is ready; when to look again.
+    pub(crate) fn poll(&mut self, inbox: &Inbox) -> Duration {
+        let now = self.shared.clock.now();
+        if let Some(step_s) = self.account.clock_step(&*self.shared.clock) {
+            self.tell(Severity::Warning, format!("the recorder's clock stepped by {step_s:+.3} s"));
+        }
+        if let Some(step_s) = self.account.take_sender_step() {
+            self.tell(Severity::Warning, format!("the plant's clock stepped by {step_s:+.3} s"));
+        }
+        self.describe(now, inbox);
+        self.write_belated(now, false);
+        while self.write_next(now, inbox) {}
+        while let Some((service, wanted)) = self.run.as_mut().and_then(|run| run.laps.ask_again(now)) {
+            self.recall(service, wanted, inbox);
+        }
+        self.flush_notes();
+        let mut due = now + Duration::from_millis(250);
+        if let Some(run) = &mut self.run {
+            if let Some(keep) = &mut run.keep {
+                keep.poll(now);
+            }
+            if let Some(lap) = run.laps.due() {
+                due = due.min(lap.max(now + Duration::from_millis(1)));
+            }
+            if run.lock_step {
+                due = due.min(self.receipts.repeat(now));
+            }
+        }
+        self.report();
+        if self.account.health_is_due(now) {
+            self.tell_health();
+        }
+        let over = self.stop.is_some_and(|(tick, _)| {
+            self.run.as_ref().is_some_and(|run| run.laps.next().is_some_and(|next| next >= tick))
+        });
+        if over {
+            let complete = self.stop.is_some_and(|(_, complete)| complete);
+            self.end_run(complete, now);
+        }
+        due
+    }
+
+    /// Tells everybody what happened to the files.
+    fn report(&mut self) {
+        let news = match &mut self.run {
+            Some(Run { keep: Some(keep), .. }) => std::mem::take(&mut keep.news),
+            _ => return,
+        };
+        for news in news {
+            let (severity, text, value) = match news {
+                News::Opened(path) => (
+                    Severity::Info,
+                    format!("recording to {}", path.display()),
+                    json!({ "vehicle": self.name, "recording": path }),
+                ),
+                News::Closed(path) => (
+                    Severity::Info,
+                    format!("closed {}", path.display()),
+                    json!({ "vehicle": self.name, "closed": path }),
+                ),
+                News::Failed(cause) => (
+                    Severity::Error,
+                    format!("NOT RECORDING: {cause}; tried again every few seconds"),
+                    json!({ "vehicle": self.name, "failed": cause }),
+                ),
+            };
+            self.news.push(value);
+            self.tell(severity, text);
+        }
+    }
+
+    fn tell_health(&mut self) {
+        let dropped = self.shared.live.as_ref().map_or(0, Live::dropped);
+        let mut health = Health { refused: self.account.refused, telemetry_dropped: dropped, ..Health::default() };
+        if let Some(run) = &self.run {
+            health.run.clone_from(&run.id);
+            health.tick = run.last.k;
+            health.tick_s = run.dt_s;
+            health.lock_step = run.lock_step;
+            health.steps = run.ticks;
+            health.skipped = run.keep.as_ref().map_or(0, |keep| keep.lost_ticks);
+            health.late_triggers = run.laps.late;
+            for (service, missing) in RING.iter().zip(run.laps.missing) {
+                let input = health.inputs.entry(keys::telemetry(service)).or_default();
+                input.counts.missing = missing;
+            }
+            for (key, missing) in &run.wire_missing {
+                health.inputs.entry(key.clone()).or_default().counts.missing = *missing;
+            }
+        }
+        self.voice.health(health);
+    }
+}

@@ -1,0 +1,289 @@
+//! What was heard, tick by tick, into the recording of its run.
+
+use super::super::account::Account;
+use super::super::catalogue::Catalogue;
+use super::super::keep::Keep;
+use super::super::laps::{Lap, Part};
+use super::{ASK, DESCRIBED, Run, Vehicle};
+use serde_json::json;
+use std::collections::BTreeMap;
+use std::time::Duration;
+use supertwin_core::message::{Measurements, Message as _, Nav, Reference, Thrust};
+use supertwin_core::run::{FORMAT, Properties, Property, Severity};
+use supertwin_core::{Observe as _, Probe as _, RunHeader, Tick};
+use supertwin_lab::Tracking;
+use supertwin_zenoh::witness::RING;
+use supertwin_zenoh::{Inbox, Shape};
+
+/// Ticks of a run that is not scored at its end: it would take gigabytes.
+const LONG: u64 = 1_000_000;
+const TOO_LONG: &str = "longer than a million ticks";
+
+impl Vehicle {
+    /// Begins the recording as soon as the run is described.
+    pub(super) fn describe(&mut self, now: Duration, inbox: &Inbox) {
+        let Some(run) = &mut self.run else { return };
+        if run.keep.is_some() {
+            return;
+        }
+        let about = self.about.get("plant").cloned();
+        if about.is_none() && now.saturating_sub(run.first_heard) < DESCRIBED {
+            if now.saturating_sub(self.asked_at) > ASK {
+                self.inquire(inbox);
+            }
+            return;
+        }
+        let undescribed = about.is_none();
+        let mut properties = about.unwrap_or_default();
+        if let Some(Property::Number(tick_s)) = properties.get("tick_s") {
+            run.dt_s = *tick_s;
+        }
+        run.lock_step = properties.get("placement") == Some(&Property::from("lockstep"));
+        properties.insert("run".to_owned(), run.id.as_str().into());
+        properties.insert("network_name".to_owned(), self.name.as_str().into());
+        properties.entry("placement".to_owned()).or_insert_with(|| "network".into());
+        properties.insert("format".to_owned(), FORMAT.into());
+        properties.insert("recorder_version".to_owned(), env!("CARGO_PKG_VERSION").into());
+        for service in RING {
+            for name in ["config", "controller", "seed"] {
+                let own = self.about.get(service).and_then(|about| about.get(name)).cloned();
+                if let Some(own) = own.filter(|own| Some(own) != properties.get(name)) {
+                    properties.insert(format!("{name}_of_{service}"), own);
+                }
+            }
+        }
+        let scene = super::super::scene(&properties).unwrap_or_default();
+        let name = format!("{}-{}", self.name, run.id);
+        let header = RunHeader { name, properties, scene };
+        let (folder, live) = (self.shared.folder.clone(), self.shared.live.as_ref());
+        run.keep = Some(Keep::begin(header, folder, live, self.shared.rotation, now));
+        if undescribed {
+            let text = "the run's configuration is not known: nobody answered for it".to_owned();
+            self.tell(Severity::Warning, text);
+        }
+    }
+
+    /// Writes the next lap, if it is ready.
+    pub(super) fn write_next(&mut self, now: Duration, inbox: &Inbox) -> bool {
+        let Some(run) = &mut self.run else { return false };
+        if run.keep.is_none() {
+            return false;
+        }
+        let flush = self.stop.is_some_and(|(_, complete)| !complete);
+        if run.lock_step && !flush && !wires_are_there(run) {
+            return false;
+        }
+        let described = |path: &String| self.catalogue.get(path).is_some();
+        if !flush && !run.laps.first_paths().all(described) {
+            // Whoever shows a signal has described it before: the description is on its way, or can be asked for.
+            let since = *self.undescribed.get_or_insert(now);
+            if now.saturating_sub(since) < DESCRIBED {
+                if now.saturating_sub(self.asked_at) > ASK || since == now {
+                    self.inquire(inbox);
+                }
+                return false;
+            }
+        }
+        self.undescribed = None;
+        let missing = run.laps.missing;
+        let Some(lap) = run.laps.pop(now, run.lock_step, flush) else { return false };
+        let before = run.last.k;
+        let gaps: Vec<(&str, u64)> =
+            (0..RING.len()).map(|i| (RING[i], run.laps.missing[i] - missing[i])).filter(|(_, gap)| *gap > 0).collect();
+        for (service, gap) in gaps {
+            // One that is too slow loses something at every tick: said once a second, counted in any case.
+            if self.account.may_complain(&format!("gap in {service}"), now) {
+                let what = format!("{gap} messages of telemetry/{service} between ticks {before} and {}", lap.tick);
+                self.tell(Severity::Warning, format!("gap: {what} are not recorded"));
+            }
+        }
+        // What came too late is older than this one: labels keep their order.
+        self.write_belated(now, false);
+        self.write(&lap, now);
+        true
+    }
+
+    fn write(&mut self, lap: &Lap, now: Duration) {
+        let Some(run) = &mut self.run else { return };
+        let Some(keep) = &mut run.keep else { return };
+        let tick = Tick { k: lap.tick, dt_s: run.dt_s };
+        let clocks = lap.parts.iter().flatten().next().map(|part| part.clocks).unwrap_or_default();
+        keep.tick(tick, clocks, now);
+        for part in lap.parts.iter().flatten() {
+            self.account.refused += show(part, &mut self.catalogue, &mut run.widths, keep);
+        }
+        let signal = |path: &str| {
+            lap.parts.iter().flatten().find_map(|part| match part.telemetry.signals.get(path) {
+                Some(Shape::Numbers(values)) => Some(values.as_slice()),
+                _ => None,
+            })
+        };
+        if let Some(tracking) = Tracking::from_signals(signal) {
+            tracking.observe(keep);
+        }
+        self.account.show(&mut self.catalogue, run.laps.missing, &run.wire_missing, clocks, keep);
+        for (service, part) in RING.iter().zip(&lap.parts) {
+            if let Some(part) = part {
+                account_for(service, part, tick, keep);
+            }
+        }
+        let digests: Vec<u64> = lap.parts.iter().flatten().filter_map(|part| part.digest).collect();
+        match <[u64; RING.len()]>::try_from(digests) {
+            Ok(digests) if run.digest_whole && tick.k == run.ticks => {
+                run.digest.fold(tick, digests);
+            }
+            _ => run.digest_whole = false,
+        }
+        run.ticks += 1;
+        run.last = tick;
+        if run.lock_step {
+            self.receipts.give(&run.id, tick.k, now);
+        }
+    }
+
+    /// Writes what came after its tick had been written, such as what a service said on the far side of a cut tether.
+    pub(super) fn write_belated(&mut self, now: Duration, flush: bool) {
+        let Some(run) = &mut self.run else { return };
+        let Some(keep) = &mut run.keep else { return };
+        let missing = run.laps.missing;
+        let belated = run.laps.take_belated(now, flush);
+        let gaps: Vec<(&str, u64)> =
+            (0..RING.len()).map(|i| (RING[i], run.laps.missing[i] - missing[i])).filter(|(_, gap)| *gap > 0).collect();
+        let until = belated.iter().map(|(_, tick, _)| *tick).max().unwrap_or_default();
+        for (service, k, part) in belated {
+            let tick = Tick { k, dt_s: run.dt_s };
+            keep.belated(tick, part.clocks);
+            self.account.refused += show(&part, &mut self.catalogue, &mut run.widths, keep);
+            account_for(RING[service], &part, tick, keep);
+        }
+        for (service, gap) in gaps {
+            if self.account.may_complain(&format!("gap in {service}"), now) {
+                let what = format!("{gap} messages of telemetry/{service} before tick {until}");
+                self.tell(Severity::Warning, format!("gap: {what} are not recorded"));
+            }
+        }
+    }
+
+    /// Hands events, states and exact messages on, as soon as their run is known.
+    pub(super) fn flush_notes(&mut self) {
+        let Some(run) = &mut self.run else { return };
+        let Some(keep) = &mut run.keep else { return };
+        for (id, event, clocks) in self.events.drain(..) {
+            if id.is_empty() || id == run.id {
+                run.warnings += u64::from(event.severity > Severity::Info);
+                keep.event(&event, clocks);
+            }
+        }
+        for (path, clocks, words) in self.states.drain(..) {
+            keep.text(&path, run.last, clocks, &words);
+        }
+        for kept in self.wires.drain(..) {
+            if kept.run.is_empty() || kept.run == run.id {
+                let tick = Tick { k: kept.tick, dt_s: run.dt_s };
+                keep.bytes(&format!("wire/{}", kept.key), tick, kept.clocks, kept.bytes);
+            }
+        }
+    }
+
+    /// Closes the recording of the present run.
+    pub(crate) fn end_run(&mut self, complete: bool, now: Duration) {
+        // What waits is written as it is: there will be no more of it.
+        while let Some(lap) = self.run.as_mut().and_then(|run| run.laps.pop(now, false, true)) {
+            self.write_belated(now, true);
+            self.write(&lap, now);
+        }
+        self.write_belated(now, true);
+        self.flush_notes();
+        self.stop = None;
+        if let Some(run) = &mut self.run {
+            let mut results = Properties::from([
+                ("ticks".to_owned(), run.ticks.into()),
+                ("complete".to_owned(), u64::from(complete).into()),
+                ("warnings".to_owned(), run.warnings.into()),
+            ]);
+            for (i, service) in RING.iter().enumerate() {
+                results.insert(format!("missing.{service}"), run.laps.missing[i].into());
+                results.insert(format!("thinned.{service}"), run.laps.thinned[i].into());
+            }
+            if run.digest_whole && run.ticks > 0 {
+                results.insert("hash".to_owned(), run.digest.to_string().into());
+            }
+            if let Some(keep) = &mut run.keep {
+                let rescored = if run.ticks > LONG { Some(Err(TOO_LONG.to_owned())) } else { keep.rescore() };
+                match rescored {
+                    Some(Ok(rescored)) => results.extend(rescored.scores.properties()),
+                    // A run without a plant or without its configuration has no scores.
+                    Some(Err(why)) => {
+                        results.insert("not_scored".to_owned(), why.into());
+                    }
+                    None => {}
+                }
+                keep.finish(&results, now);
+                self.compacting.append(&mut keep.compacting);
+            }
+        }
+        self.report();
+        if self.run.take().is_some() {
+            self.finished += 1;
+        }
+        self.about.remove("plant");
+        self.account = Account::default();
+    }
+}
+
+/// Shows the signals of a service at a tick; how many could not be shown.
+fn show(part: &Part, catalogue: &mut Catalogue, widths: &mut BTreeMap<&'static str, usize>, keep: &mut Keep) -> u64 {
+    let mut refused = 0;
+    for (path, shape) in &part.telemetry.signals {
+        let Some(signal) = catalogue.keep(path, &[], &[], "") else {
+            refused += 1;
+            continue;
+        };
+        match shape {
+            Shape::Numbers(values) => {
+                let width = *widths.entry(signal.path).or_insert(values.len());
+                if width == values.len() {
+                    keep.vector(signal, values);
+                } else {
+                    refused += 1;
+                }
+            }
+            Shape::Label(value) => match catalogue.label(value) {
+                Some(value) => keep.label(signal, value),
+                None => refused += 1,
+            },
+        }
+    }
+    refused
+}
+
+/// Keeps who stepped on what, and the commands that applied: what a replay needs beside the messages.
+fn account_for(service: &str, part: &Part, tick: Tick, keep: &mut Keep) {
+    let telemetry = &part.telemetry;
+    let mut account = json!({ "source": part.source, "seq": part.seq, "used": telemetry.used });
+    if telemetry.steps > 0 {
+        account["steps"] = telemetry.steps.into();
+    }
+    if let Some(digest) = part.digest {
+        account["digest"] = format!("{digest:016x}").into();
+    }
+    if telemetry.operator_lost {
+        account["operator_lost"] = true.into();
+    }
+    let path = format!("command/{service}");
+    for applied in &telemetry.earlier {
+        keep.text(&path, Tick { k: applied.tick, ..tick }, part.clocks, &applied.command.to_string());
+    }
+    for command in &telemetry.commands {
+        keep.text(&path, tick, part.clocks, &command.to_string());
+    }
+    keep.text(&format!("step/{service}"), tick, part.clocks, &account.to_string());
+}
+
+/// In lock step a tick is only seen when its exact messages are there as well.
+fn wires_are_there(run: &Run) -> bool {
+    let next = run.laps.next().unwrap_or(0);
+    [Measurements::KEY, Nav::KEY, Reference::KEY, Thrust::KEY]
+        .iter()
+        .all(|key| run.wire_seen.get(*key).is_some_and(|(_, seq)| *seq > next))
+}
