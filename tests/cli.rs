@@ -1,31 +1,11 @@
 //! The command line as a user meets it: real processes, real files, real signals.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
-use serde_json::Value;
+mod support;
+
 use std::path::Path;
-use std::process::{Command, Output, Stdio};
 use supertwin_rerun::read;
-
-const CONFIG: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config");
-
-fn supertwin(folder: &Path, arguments: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_supertwin"));
-    command.current_dir(folder).args(["--config", CONFIG]).args(arguments).stdin(Stdio::null());
-    command
-}
-
-fn output(folder: &Path, arguments: &[&str]) -> Output {
-    supertwin(folder, arguments).output().unwrap()
-}
-
-fn text(bytes: &[u8]) -> String {
-    String::from_utf8_lossy(bytes).into_owned()
-}
-
-fn json(output: &Output) -> Value {
-    assert!(output.status.success(), "{}", text(&output.stderr));
-    serde_json::from_slice(&output.stdout).unwrap()
-}
+use support::{CONFIG, Place};
 
 fn is_empty(folder: &Path) -> bool {
     std::fs::read_dir(folder).unwrap().next().is_none()
@@ -33,29 +13,27 @@ fn is_empty(folder: &Path) -> bool {
 
 #[test]
 fn the_three_trials_of_the_paper_leave_three_recordings_and_the_table() {
-    let folder = tempfile::tempdir().unwrap();
-    let done = output(folder.path(), &["run"]);
-    assert!(done.status.success(), "{}", text(&done.stderr));
-    let table = text(&done.stdout);
+    let place = Place::new();
+    let table = place.call(&["run"]).well().out;
     for words in ["paper IV", "Distance to net [m]", "0.402", "0.681", "0.820", "3 runs, 400 s simulated"] {
         assert!(table.contains(words), "{words} is missing in\n{table}");
     }
     for name in ["paper-gsta", "paper-agsta", "paper-pid"] {
-        let recording = read(&folder.path().join(format!("runs/0001/{name}-seed1.rrd"))).unwrap();
+        let recording = read(&place.path().join(format!("runs/0001/{name}-seed1.rrd"))).unwrap();
         assert!(recording.complete, "{name}");
         assert!(recording.properties["run"].contains_key("config"));
     }
     // A second call writes beside the first one, never over it.
-    assert!(output(folder.path(), &["run", "paper-pid"]).status.success());
-    assert!(folder.path().join("runs/0002/paper-pid-seed1.rrd").is_file());
+    place.call(&["run", "paper-pid"]).well();
+    assert!(place.path().join("runs/0002/paper-pid-seed1.rrd").is_file());
 }
 
 #[test]
 fn json_has_the_promised_shape_and_the_hash_does_not_depend_on_recording() {
-    let folder = tempfile::tempdir().unwrap();
+    let place = Place::new();
     let arguments = ["run", "paper-agsta", "--seed", "3", "--json"];
-    let recorded = json(&output(folder.path(), &[&arguments[..], &["--out", "here"]].concat()));
-    let silent = json(&output(folder.path(), &[&arguments[..], &["--no-record"]].concat()));
+    let recorded = place.call(&[&arguments[..], &["--out", "here"]].concat()).well().json();
+    let silent = place.call(&[&arguments[..], &["--no-record"]].concat()).well().json();
     let run = &recorded["runs"][0];
     assert_eq!((run["trial"].as_str(), run["controller"].as_str()), (Some("paper-agsta"), Some("agsta")));
     assert_eq!((run["seed"].as_u64(), run["ticks"].as_u64()), (Some(3), Some(6000)));
@@ -68,25 +46,25 @@ fn json_has_the_promised_shape_and_the_hash_does_not_depend_on_recording() {
     assert_eq!(run["hash"], silent["runs"][0]["hash"]);
     assert_eq!(run["scores"], silent["runs"][0]["scores"]);
     assert!(silent["runs"][0]["recording"].is_null());
-    let recording = read(&folder.path().join(run["recording"].as_str().unwrap())).unwrap();
+    let recording = read(&place.path().join(run["recording"].as_str().unwrap())).unwrap();
     assert_eq!(recording.signals["tracking/sway"].tick.len(), 6000, "a row per tick");
 }
 
 #[test]
 fn seeds_are_counted_up_and_summarised() {
-    let folder = tempfile::tempdir().unwrap();
+    let place = Place::new();
     let arguments = ["run", "paper-pid", "--seeds", "3", "--no-record"];
-    let done = json(&output(folder.path(), &[&arguments[..], &["--json"]].concat()));
+    let done = place.call(&[&arguments[..], &["--json"]].concat()).well().json();
     let seeds: Vec<u64> = done["runs"].as_array().unwrap().iter().map(|run| run["seed"].as_u64().unwrap()).collect();
     assert_eq!(seeds, [1, 2, 3]);
-    let table = text(&output(folder.path(), &arguments).stdout);
+    let table = place.call(&arguments).out;
     assert!(table.contains("over 3 seeds") && table.contains('±'), "{table}");
-    assert!(is_empty(folder.path()), "nothing is written");
+    assert!(is_empty(place.path()), "nothing is written");
 }
 
 #[test]
 fn bad_input_is_named_exits_with_two_and_writes_nothing() {
-    let folder = tempfile::tempdir().unwrap();
+    let place = Place::new();
     let cases: [(&[&str], &str); 9] = [
         (&["run", "paper-gstaa"], "did you mean `paper-gsta`?"),
         (&["run", "nowhere/trial.toml"], "nowhere/trial.toml: no such trial"),
@@ -99,36 +77,36 @@ fn bad_input_is_named_exits_with_two_and_writes_nothing() {
         (&["run", "--seed", "1", "--seeds", "2"], "cannot be used with"),
     ];
     for (arguments, expected) in cases {
-        let done = output(folder.path(), arguments);
-        let said = text(&done.stderr);
-        assert_eq!(done.status.code(), Some(2), "{arguments:?}: {said}");
+        let done = place.call(arguments);
+        let said = &done.err;
+        assert_eq!(done.code, Some(2), "{arguments:?}: {said}");
         assert!(said.contains(expected), "{arguments:?}: {said}");
-        assert!(done.stdout.is_empty() && is_empty(folder.path()), "{arguments:?} wrote something");
+        assert!(done.out.is_empty() && is_empty(place.path()), "{arguments:?} wrote something");
     }
 }
 
 #[test]
 fn recordings_are_never_replaced_without_force() {
-    let folder = tempfile::tempdir().unwrap();
+    let place = Place::new();
     let arguments = ["run", "paper-pid", "--out", "here", "--set", "trial.duration_s=25"];
-    assert!(output(folder.path(), &arguments).status.success());
-    let path = folder.path().join("here/paper-pid-seed1.rrd");
+    place.call(&arguments).well();
+    let path = place.path().join("here/paper-pid-seed1.rrd");
     let before = std::fs::read(&path).unwrap();
-    let refused = output(folder.path(), &arguments);
-    assert_eq!(refused.status.code(), Some(2));
-    assert!(text(&refused.stderr).contains("exists already; use --force"), "{}", text(&refused.stderr));
+    let refused = place.call(&arguments);
+    assert_eq!(refused.code, Some(2));
+    assert!(refused.err.contains("exists already; use --force"), "{}", refused.err);
     assert_eq!(std::fs::read(&path).unwrap(), before);
-    assert!(output(folder.path(), &[&arguments[..], &["--force"]].concat()).status.success());
+    place.call(&[&arguments[..], &["--force"]].concat()).well();
 }
 
 #[test]
 fn an_output_folder_that_can_not_be_used_is_a_clear_error() {
-    let folder = tempfile::tempdir().unwrap();
-    std::fs::write(folder.path().join("file"), "").unwrap();
+    let place = Place::new();
+    std::fs::write(place.path().join("file"), "").unwrap();
     for out in ["file/below", "/proc/here"] {
-        let done = output(folder.path(), &["run", "paper-pid", "--out", out]);
-        let said = text(&done.stderr);
-        assert_eq!(done.status.code(), Some(2), "{said}");
+        let done = place.call(&["run", "paper-pid", "--out", out]);
+        let said = &done.err;
+        assert_eq!(done.code, Some(2), "{said}");
         assert!(said.contains(out) && said.contains("can't create the folder for recordings"), "{said}");
     }
 }
@@ -136,36 +114,31 @@ fn an_output_folder_that_can_not_be_used_is_a_clear_error() {
 #[test]
 fn a_full_disk_is_a_clear_error() {
     // A limit on the size of files stands in for the disk; with the signal ignored, the write itself fails.
-    let folder = tempfile::tempdir().unwrap();
-    let call = format!(
-        "trap '' XFSZ; ulimit -f 400; exec '{}' --config '{CONFIG}' run paper-pid --out here",
-        env!("CARGO_BIN_EXE_supertwin")
-    );
-    let done = Command::new("sh").arg("-c").arg(call).current_dir(folder.path()).output().unwrap();
-    let said = text(&done.stderr);
-    assert_eq!(done.status.code(), Some(2), "{said}");
+    let place = Place::new();
+    let done = place.shell("trap '' XFSZ; ulimit -f 400; supertwin run paper-pid --out here");
+    let said = &done.err;
+    assert_eq!(done.code, Some(2), "{said}");
     assert!(said.contains("here/paper-pid-seed1.rrd") && said.contains("File too large"), "{said}");
-    let rest = read(&folder.path().join("here/paper-pid-seed1.rrd")).unwrap();
+    let rest = read(&place.path().join("here/paper-pid-seed1.rrd")).unwrap();
     assert!(!rest.complete, "what was written before stays readable");
 }
 
 #[cfg(unix)]
 #[test]
 fn ctrl_c_closes_the_recording() {
-    let folder = tempfile::tempdir().unwrap();
+    let place = Place::new();
     let arguments = ["run", "paper-agsta", "--out", "here", "--set", "trial.duration_s=1000000"];
-    let mut child = supertwin(folder.path(), &arguments).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
-    let path = folder.path().join("here/paper-agsta-seed1.rrd");
-    // It is under way when a megabyte is on the disk.
-    while std::fs::metadata(&path).map_or(0, |file| file.len()) < 1_000_000 {
-        assert!(child.try_wait().unwrap().is_none(), "ended by itself");
+    let mut process = place.start(&arguments);
+    let path = place.path().join("here/paper-agsta-seed1.rrd");
+    // It is under way when more is on the disk than the dashboards, which come first.
+    while std::fs::metadata(&path).map_or(0, |file| file.len()) < 4_000_000 {
+        assert!(process.is_up(), "ended by itself");
         std::thread::yield_now();
     }
-    let sent = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
-    assert!(sent.success());
-    let done = child.wait_with_output().unwrap();
-    assert_eq!(done.status.code(), Some(130), "{}", text(&done.stderr));
-    assert!(text(&done.stderr).contains("interrupted"), "{}", text(&done.stderr));
+    process.signal("INT");
+    let done = process.finish();
+    assert_eq!(done.code, Some(130), "{}", done.err);
+    assert!(done.err.contains("interrupted"), "{}", done.err);
     let recording = read(&path).unwrap();
     assert!(recording.complete, "the footer is there");
     let rows = &recording.signals["tracking/depth"].tick;
@@ -175,36 +148,34 @@ fn ctrl_c_closes_the_recording() {
 
 #[test]
 fn check_prints_what_was_understood_with_units() {
-    let folder = tempfile::tempdir().unwrap();
+    let place = Place::new();
     let vehicle = format!("{CONFIG}/vehicles/argus-mini.toml");
-    let said = text(&output(folder.path(), &["check", &vehicle]).stdout);
+    let said = place.call(&["check", &vehicle]).out;
     for words in ["true.rigid_body.mass_kg", "90.0 kg", "120.0 N s/m", "propulsion.delay_s", "0.1 s"] {
         assert!(said.contains(words), "{words} is missing in\n{said}");
     }
-    let all = output(folder.path(), &["check"]);
-    assert!(all.status.success() && text(&all.stdout).lines().count() > 30, "{}", text(&all.stderr));
+    assert!(place.call(&["check"]).well().out.lines().count() > 30);
     let trial = format!("{CONFIG}/trials/paper-pid.toml");
-    let tree = json(&output(folder.path(), &["check", &trial, "--json"]));
+    let tree = place.call(&["check", &trial, "--json"]).well().json();
     assert_eq!(tree[&trial]["controller pid"]["law"]["pid"]["kp"]["surge"].as_f64(), Some(200.0));
 
-    std::fs::create_dir(folder.path().join("vehicles")).unwrap();
+    std::fs::create_dir(place.path().join("vehicles")).unwrap();
     let broken = std::fs::read_to_string(&vehicle).unwrap().replacen("mass_kg = 90.0", "mass_kg = -90.0", 1);
-    std::fs::write(folder.path().join("vehicles/broken.toml"), broken).unwrap();
-    let refused = output(folder.path(), &["check", "vehicles/broken.toml"]);
-    assert_eq!(refused.status.code(), Some(2));
-    let said = text(&refused.stderr);
+    std::fs::write(place.path().join("vehicles/broken.toml"), broken).unwrap();
+    let refused = place.call(&["check", "vehicles/broken.toml"]);
+    assert_eq!(refused.code, Some(2));
+    let said = refused.err;
     assert!(said.contains("vehicles/broken.toml:14:11: true.rigid_body.mass_kg: -90: must be positive"), "{said}");
 }
 
 #[test]
 fn help_has_examples_and_a_closed_pipe_is_no_error() {
-    let folder = tempfile::tempdir().unwrap();
+    let place = Place::new();
     for verb in ["run", "check"] {
-        let help = text(&output(folder.path(), &[verb, "--help"]).stdout);
+        let help = place.call(&[verb, "--help"]).out;
         assert!(help.contains("Examples:") && help.contains("Exit status"), "{help}");
     }
-    let call = format!("'{}' --config '{CONFIG}' check | head -1", env!("CARGO_BIN_EXE_supertwin"));
-    let done = Command::new("sh").arg("-c").arg(call).current_dir(folder.path()).output().unwrap();
-    assert!(!text(&done.stderr).contains("panicked"), "{}", text(&done.stderr));
-    assert_eq!(text(&done.stdout).lines().count(), 1);
+    let done = place.shell("supertwin check | head -1");
+    assert!(!done.err.contains("panicked"), "{}", done.err);
+    assert_eq!(done.out.lines().count(), 1);
 }

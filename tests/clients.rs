@@ -3,26 +3,20 @@
 //! The client comes from PyPI into `target`, once. What a program does is judged by the vehicle's true state.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
+mod support;
+
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::fs;
-use std::io::{BufRead, BufReader, Write as _};
-use std::net::{Shutdown, TcpListener, TcpStream};
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, ExitStatus, Stdio};
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
-use supertwin_zenoh::{Client, Clock, Link, SystemClock};
+use std::process::Command;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use supertwin_zenoh::Client;
+use support::{Events, Listener, Place, Process, Proxy, SERVICES, listening};
 
-const CONFIG: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config");
 const PROGRAMS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/clients");
 /// The same version as our own.
 const ZENOH: &str = "eclipse-zenoh==1.10.2";
-/// Nothing here takes this long.
-const PATIENCE: Duration = Duration::from_secs(30);
-const SERVICES: [&str; 4] = ["plant", "estimator", "guidance", "controller"];
 
 /// One twin at a time: each wants the processor for itself.
 static TURN: Mutex<()> = Mutex::new(());
@@ -51,147 +45,51 @@ fn python() -> PathBuf {
     binary
 }
 
-/// A process with its lines. It ends with its test.
-struct Program {
-    child: Child,
-    lines: Receiver<String>,
-    errors: PathBuf,
-    clock: SystemClock,
-}
-
-impl Program {
-    fn start(command: &mut Command, errors: PathBuf) -> Self {
-        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(fs::File::create(&errors).unwrap());
-        let mut child = command.spawn().unwrap_or_else(|error| panic!("{command:?}: {error}"));
-        let stdout = BufReader::new(child.stdout.take().unwrap());
-        let (sender, lines) = channel();
-        std::thread::spawn(move || {
-            for line in stdout.lines().map_while(Result::ok) {
-                if sender.send(line).is_err() {
-                    return;
-                }
-            }
-        });
-        Self { child, lines, errors, clock: SystemClock::start() }
-    }
-
-    /// Reads lines until `wanted` makes something of one.
-    fn until<T>(&self, what: &str, mut wanted: impl FnMut(&str) -> Option<T>) -> T {
-        let deadline = self.clock.now() + PATIENCE;
-        loop {
-            match self.lines.recv_timeout(deadline.saturating_sub(self.clock.now())) {
-                Ok(line) => {
-                    if let Some(found) = wanted(&line) {
-                        return found;
-                    }
-                }
-                Err(RecvTimeoutError::Timeout) => panic!("{what} never came; {}", self.complaints()),
-                Err(RecvTimeoutError::Disconnected) => panic!("ended before {what}; {}", self.complaints()),
-            }
-        }
-    }
-
-    /// The line that contains `words`.
-    fn line_with(&self, words: &str) -> String {
-        self.until(words, |line| line.contains(words).then(|| line.to_owned()))
-    }
-
-    fn complaints(&self) -> String {
-        fs::read_to_string(&self.errors).unwrap_or_default()
-    }
-
-    /// Waits for its end: its other lines and its status.
-    fn finish(mut self) -> (Vec<String>, ExitStatus) {
-        let deadline = self.clock.now() + PATIENCE;
-        let mut said = Vec::new();
-        loop {
-            match self.lines.recv_timeout(deadline.saturating_sub(self.clock.now())) {
-                Ok(line) => said.push(line),
-                Err(RecvTimeoutError::Disconnected) => return (said, self.child.wait().unwrap()),
-                Err(RecvTimeoutError::Timeout) => panic!("does not end: {said:?}; {}", self.complaints()),
-            }
-        }
-    }
-
-    fn signal(&self, name: &str) {
-        assert!(Command::new("kill").args([name, &self.child.id().to_string()]).status().unwrap().success());
-    }
-}
-
-impl Drop for Program {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
-}
-
 /// A twin in a process of its own.
 struct Twin {
-    program: Program,
-    listening: Vec<String>,
-    folder: tempfile::TempDir,
-    clients: std::cell::Cell<usize>,
+    process: Process,
+    said: Value,
+    place: Place,
     _turn: MutexGuard<'static, ()>,
 }
 
 impl Twin {
-    fn up(arguments: &[&str]) -> Self {
+    fn up(more: &[&str]) -> Self {
         let turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
-        let folder = tempfile::tempdir().unwrap();
-        let socket = format!("unixsock-stream/{}", folder.path().join("r.sock").display());
-        let mut command = Command::new(env!("CARGO_BIN_EXE_supertwin"));
-        command.args(["--config", CONFIG, "up", "--no-mission", "--json", "--trial", "external", "--listen", &socket]);
-        let program = Program::start(command.args(arguments), folder.path().join("twin.err"));
-        let started: Value = program.until("the first line", |line| serde_json::from_str(line).ok());
-        let listening = started["listening"].as_array().unwrap();
-        let listening = listening.iter().map(|place| place.as_str().unwrap().to_owned()).collect();
-        Self { program, listening, folder, clients: 0.into(), _turn: turn }
-    }
-
-    fn socket(&self) -> &str {
-        self.listening.iter().find(|place| place.starts_with("unixsock")).unwrap()
+        let place = Place::new();
+        let arguments = ["up", "--no-mission", "--json", "--trial", "external", "--listen", &place.socket];
+        let process = place.start(&[&arguments, more].concat());
+        Self { said: process.json(), process, place, _turn: turn }
     }
 
     /// One of the programs, connected.
-    fn client(&self, program: &str, arguments: &[&str]) -> Program {
-        self.client_by(self.socket(), program, arguments)
+    fn client(&self, program: &str, arguments: &[&str]) -> Process {
+        self.client_by(&self.place.socket, program, arguments)
     }
 
-    fn client_by(&self, endpoint: &str, program: &str, arguments: &[&str]) -> Program {
-        self.clients.set(self.clients.get() + 1);
-        let mut command = Command::new(python());
+    fn client_by(&self, endpoint: &str, program: &str, arguments: &[&str]) -> Process {
+        let mut command = self.place.command(&python().display().to_string());
         command.arg(format!("{PROGRAMS}/{program}.py")).args(arguments).args(["--connect", endpoint]);
-        command.env("PYTHONDONTWRITEBYTECODE", "1");
-        Program::start(&mut command, self.folder.path().join(format!("{program}-{}.err", self.clients.get())))
+        Process::start(command.env("PYTHONDONTWRITEBYTECODE", "1"))
     }
 
     /// A client in our own language.
     fn operator(&self, name: &str) -> Client {
-        let link = Link {
-            connect: vec![self.socket().to_owned()],
-            mode: Some("client"),
-            patience_ms: 3000,
-            ..Link::default()
-        };
-        Client::new(link.open().unwrap(), "argus-mini", name, Arc::new(SystemClock::start()))
+        Listener::open(&self.place.socket, "argus-mini").client(name)
     }
 
     /// Everything that is said on `keys`, and all events and states.
-    fn listen(&self, keys: &[&str]) -> Listener {
+    fn listen(&self, keys: &[&str]) -> Monitor {
         let mut arguments = vec!["--json"];
         keys.iter().for_each(|key| arguments.extend(["--also", key]));
-        Listener(self.client("monitor", &arguments))
-    }
-
-    fn is_up(&mut self) -> bool {
-        self.program.child.try_wait().unwrap().is_none()
+        Monitor(self.client("monitor", &arguments))
     }
 }
 
 /// The monitor, whose lines are `{"key": …, "body": …}`.
-struct Listener(Program);
+struct Monitor(Process);
 
-impl Listener {
+impl Monitor {
     /// Until `wanted` makes something of a message.
     fn until<T>(&self, what: &str, mut wanted: impl FnMut(&str, &Value) -> Option<T>) -> T {
         self.0.until(what, |line| {
@@ -234,9 +132,9 @@ fn every_program_explains_itself() {
     for program in ["set_depth", "mission", "monitor", "external_pid", "hostile"] {
         let mut command = Command::new(python());
         command.args([&format!("{PROGRAMS}/{program}.py"), "--help"]).env("PYTHONDONTWRITEBYTECODE", "1");
-        let done = command.output().unwrap();
-        let said = String::from_utf8_lossy(&done.stdout);
-        assert!(done.status.success() && said.contains("--connect") && said.contains("--vehicle"), "{program}: {said}");
+        let done = Process::start(&mut command).finish();
+        let named = |option: &str| done.out.contains(option);
+        assert!(done.code == Some(0) && named("--connect") && named("--vehicle"), "{program}: {done:?}");
     }
 }
 
@@ -244,18 +142,16 @@ fn every_program_explains_itself() {
 fn a_depth_is_reached_and_one_beyond_the_limits_is_refused() {
     let twin = Twin::up(&["--rtf", "5"]);
     let truth = twin.listen(&["plant/truth"]);
-    let (said, status) = twin.client("set_depth", &["3.0"]).finish();
-    assert!(status.success() && said.iter().any(|line| line.starts_with("reached")), "{said:?}");
+    let done = twin.client("set_depth", &["3.0"]).finish().well();
+    assert!(done.out.contains("\nreached"), "{done:?}");
     let depths = truth.record("plant/truth", 15.0);
     let late = &depths[depths.len() / 2..];
     let depth = mean(late.iter().map(|(_, truth)| number(truth, "depth_m")));
     assert!((depth - 3.0).abs() < 0.25, "the vehicle is at {depth} m");
 
-    let refused = twin.client("set_depth", &["30"]);
-    let errors = refused.errors.clone();
-    let (_, status) = refused.finish();
-    let why = fs::read_to_string(errors).unwrap();
-    assert!(status.code() == Some(1) && why.contains("depth_m = 30: must lie between 0 and 14"), "{status} {why}");
+    let refused = twin.client("set_depth", &["30"]).finish();
+    let why = "depth_m = 30: must lie between 0 and 14";
+    assert!(refused.code == Some(1) && refused.err.contains(why), "{refused:?}");
     // The lease was given back both times: another one may have it at once.
     assert!(twin.operator("anna").acquire(5.0).unwrap().granted);
 }
@@ -269,12 +165,11 @@ fn the_program_in_the_readme_works_as_it_stands_there() {
     let (program, _) = program.split_once("```").unwrap();
     let shown = "unixsock-stream//tmp/supertwin/router.sock";
     assert!(program.contains(shown));
-    let program = format!("import json, zenoh{}", program.replace(shown, twin.socket()));
+    let program = format!("import json, zenoh{}", program.replace(shown, &twin.place.socket));
     // A second time as well: its numbers begin anew with its lease.
     for _ in 0..2 {
-        let done = Command::new(python()).args(["-c", &program]).output().unwrap();
-        let said = String::from_utf8_lossy(&done.stdout);
-        assert!(done.status.success() && said.matches("scheduled").count() == 2, "{said} {done:?}");
+        let done = Process::start(Command::new(python()).args(["-c", &program])).finish();
+        assert!(done.code == Some(0) && done.out.matches("scheduled").count() == 2, "{done:?}");
     }
     let depth_m = telemetry.until("the new depth", |key, body| {
         let target = body["data"]["signals"]["guidance/target"][0].as_f64()?;
@@ -288,10 +183,9 @@ fn a_mission_goes_along_the_net_and_back_and_ends_at_rest() {
     let twin = Twin::up(&["--rtf", "5"]);
     let truth = twin.listen(&["plant/truth"]);
     let began = truth.record("plant/truth", 0.0)[0].0;
-    let (said, status) = twin.client("mission", &["--depth", "2.5", "--leg", "20"]).finish();
-    assert!(status.success(), "{said:?}");
+    let done = twin.client("mission", &["--depth", "2.5", "--leg", "20"]).finish().well();
     let at = |words: &str| {
-        let line = said.iter().find(|line| line.contains(words)).unwrap_or_else(|| panic!("{words}: {said:?}"));
+        let line = done.out.lines().find(|line| line.contains(words)).unwrap_or_else(|| panic!("{words}: {done:?}"));
         line.split_whitespace().next().unwrap().parse::<f64>().unwrap()
     };
     let (starboard, port, stopping, stopped) = (at("starboard"), at("port"), at("stopping"), at("stopped"));
@@ -323,8 +217,7 @@ fn a_mission_goes_along_the_net_and_back_and_ends_at_rest() {
 fn a_controller_in_another_language_steers_the_vehicle() {
     let twin = Twin::up(&["--rtf", "2"]);
     let listener = twin.listen(&["plant/truth", "telemetry/controller"]);
-    let (said, status) = twin.client("set_depth", &["1.8"]).finish();
-    assert!(status.success(), "{said:?}");
+    twin.client("set_depth", &["1.8"]).finish().well();
     let outside = |flags: [f64; 4]| {
         listener.until(&format!("{flags:?} from outside"), |key, body| {
             (key == "telemetry/controller" && body["data"]["signals"]["controller/external"] == json!(flags))
@@ -333,35 +226,39 @@ fn a_controller_in_another_language_steers_the_vehicle() {
     };
 
     let pid = twin.client("external_pid", &["--axes", "yaw"]);
-    pid.line_with("steering yaw");
+    pid.until("it steers", |line| line.contains("steering yaw").then_some(()));
     outside([0.0, 0.0, 0.0, 1.0]);
     let mut anna = twin.operator("anna");
     assert!(anna.acquire(60.0).unwrap().granted);
     let heading = number(&listener.record("plant/truth", 0.0)[0].1, "heading_rad");
     let wanted = wrapped(heading + 0.6);
     anna.command("guidance", "heading_rad", json!(wanted), None).unwrap();
-    let off = |truth: &Value| wrapped(number(truth, "heading_rad") - wanted).abs();
-    listener.until("the new heading", |key, body| (key == "plant/truth" && off(&body["data"]) < 0.05).then_some(()));
-    // A third of the step at most, in waves and with a controller whose ticks are late on a busy machine.
-    let held = listener.record("plant/truth", 9.0);
-    let error = mean(held[held.len() * 2 / 3..].iter().map(|(_, truth)| off(truth)));
-    assert!(error < 0.2, "the heading is off by {error} rad");
+    let off = |truth: &Value| wrapped(number(truth, "heading_rad") - wanted);
+    // Waves of 5 s turn the vehicle to and fro: over two of them that averages out.
+    let holds = |held: &[(f64, Value)]| {
+        let error = mean(held.iter().map(|(_, truth)| off(truth)));
+        let swing = mean(held.iter().map(|(_, truth)| (off(truth) - error).powi(2))).sqrt();
+        assert!(error.abs() < 0.1 && swing < 0.15, "the heading is off by {error} rad and swings by {swing} rad");
+    };
+    let near = |truth: &Value| off(truth).abs() < 0.05;
+    listener.until("the new heading", |key, body| (key == "plant/truth" && near(&body["data"])).then_some(()));
+    listener.record("plant/truth", 6.0);
+    holds(&listener.record("plant/truth", 10.0));
 
     // Without the program the vehicle's own substitute goes on.
     drop(pid);
     outside([0.0; 4]);
     let pid = twin.client("external_pid", &["--axes", "surge,sway,heave,yaw"]);
-    pid.line_with("steering surge");
+    pid.until("it steers", |line| line.contains("steering surge").then_some(()));
     outside([1.0; 4]);
     anna.command("guidance", "depth_m", json!(2.4), None).unwrap();
     let depth = |truth: &Value| number(truth, "depth_m");
     listener.until("the new depth", |key, body| (key == "plant/truth" && depth(&body["data"]) > 2.3).then_some(()));
-    let held = listener.record("plant/truth", 8.0);
-    let held = &held[held.len() / 2..];
+    listener.record("plant/truth", 4.0);
+    let held = listener.record("plant/truth", 10.0);
     let reached = mean(held.iter().map(|(_, truth)| depth(truth)));
     assert!((reached - 2.4).abs() < 0.25, "the vehicle is at {reached} m");
-    let error = mean(held.iter().map(|(_, truth)| off(truth)));
-    assert!(error < 0.2, "the heading is off by {error} rad");
+    holds(&held);
 }
 
 /// What nobody may change without authority.
@@ -398,9 +295,9 @@ fn hostile_clients_change_nothing_crash_nothing_and_leave_a_trace() {
     let before = settings(&anna);
 
     // The attacks, while the twin is watched.
-    let (lines, status) = twin.client("hostile", &["--holder", "anna"]).finish();
-    assert!(status.success() && lines.len() == 12, "{lines:?}");
-    for line in &lines {
+    let done = twin.client("hostile", &["--holder", "anna"]).finish().well();
+    assert_eq!(done.out.lines().count(), 12, "{done:?}");
+    for line in done.out.lines() {
         let report: Value = serde_json::from_str(line).unwrap();
         let count = |what: &str| report[what].as_u64().unwrap_or(0);
         assert_eq!(count("granted"), 0, "{line}");
@@ -408,7 +305,7 @@ fn hostile_clients_change_nothing_crash_nothing_and_leave_a_trace() {
             // Nobody is there, or a key that nobody serves.
             "wrong_vehicle" => assert_eq!((count("asked"), count("refused")), (4, 0), "{line}"),
             "garbage_requests" => assert!(count("refused") + 1 >= count("asked"), "{line}"),
-            "command_flood" => assert!(count("per_s") > 500 && count("refused") == 1, "{line}"),
+            "command_flood" => assert_eq!(count("refused"), 1, "{line}"),
             _ => assert_eq!(count("refused"), count("asked"), "{line}"),
         }
     }
@@ -453,7 +350,10 @@ fn hostile_clients_change_nothing_crash_nothing_and_leave_a_trace() {
     for (service, health) in &health {
         let count = |what: &str| health[what].as_u64().unwrap();
         let late = count("deadline_misses") + count("skipped") + count("late_triggers");
-        assert!(count("steps") > 300 && late * 5 < count("steps"), "{service}: {health}");
+        assert!(count("steps") > 300 && late * 10 < count("steps"), "{service}: {health}");
+        // More was asked than is looked at, and none of that is done within a step: its median is far below a tick.
+        assert!(health["overflow"][1].as_u64() > Some(0), "{service}: no flood: {health}");
+        assert!(health["step_us"][0].as_f64() < Some(2000.0), "{service}: {health}");
         assert!(count("refused") > 0 && count("not_finite") == 0, "{service}: {health}");
         for (wire, input) in health["inputs"].as_object().unwrap() {
             let traced = input["rejected"].as_u64().unwrap() > 0;
@@ -464,7 +364,7 @@ fn hostile_clients_change_nothing_crash_nothing_and_leave_a_trace() {
     assert!(health["guidance"]["commands"]["refused"].as_u64().unwrap() > 1000);
     assert!(health["guidance"]["setpoints"][1].as_u64().unwrap() > 1000, "streams were refused");
     assert!(health["controller"]["refused"].as_u64().unwrap() > 30, "leases were refused");
-    assert!(twin.is_up());
+    assert!(twin.process.is_up());
 
     // Their events say so; the command that came twice has applied once; and the holder still commands.
     ask(1001, 3.5).unwrap();
@@ -485,86 +385,19 @@ fn hostile_clients_change_nothing_crash_nothing_and_leave_a_trace() {
     assert_eq!((applied, refused.len()), (1, 4), "{refused:?}");
 }
 
-// ------------------------------------------------------------------------------------------------- a network to be cut
-
-/// A line that can be cut: everything to its own address goes on to another one.
-struct Tether {
-    address: String,
-    cut: Arc<AtomicBool>,
-    open: Arc<Mutex<Vec<TcpStream>>>,
-}
-
-impl Tether {
-    fn to(target: &str) -> Self {
-        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-        let address = listener.local_addr().unwrap().to_string();
-        let (cut, open) = (Arc::new(AtomicBool::new(false)), Arc::new(Mutex::new(Vec::<TcpStream>::new())));
-        let (is_cut, streams, target) = (Arc::clone(&cut), Arc::clone(&open), target.to_owned());
-        std::thread::spawn(move || {
-            for near in listener.incoming().map_while(Result::ok) {
-                let Ok(far) = TcpStream::connect(&target) else { continue };
-                let mut streams = streams.lock().unwrap();
-                if is_cut.load(Ordering::SeqCst) {
-                    continue;
-                }
-                for (from, to) in [(&near, &far), (&far, &near)] {
-                    let (mut from, mut to) = (from.try_clone().unwrap(), to.try_clone().unwrap());
-                    streams.push(from.try_clone().unwrap());
-                    std::thread::spawn(move || {
-                        // Ends when either side does.
-                        let _ = std::io::copy(&mut from, &mut to).and_then(|_| to.flush());
-                        let _ = to.shutdown(Shutdown::Both);
-                    });
-                }
-            }
-        });
-        Self { address, cut, open }
-    }
-
-    fn cut(&self) {
-        let mut open = self.open.lock().unwrap();
-        self.cut.store(true, Ordering::SeqCst);
-        for stream in open.drain(..) {
-            let _ = stream.shutdown(Shutdown::Both);
-        }
-    }
-
-    fn mend(&self) {
-        self.cut.store(false, Ordering::SeqCst);
-    }
-}
-
-/// Numbers of the events that arrived, by source.
-#[derive(Clone, Debug, Default)]
-struct Heard(BTreeMap<String, Vec<u64>>);
-
-impl Heard {
-    /// Enters a line of the monitor; returns what the event says, if it is one.
-    fn line(&mut self, line: &str) -> String {
-        let line: Value = serde_json::from_str(line).unwrap();
-        if !line["key"].as_str().unwrap().starts_with("event/") {
-            return String::new();
-        }
-        let event = &line["body"];
-        let source = event["source"].as_str().unwrap().to_owned();
-        self.0.entry(source).or_default().push(event["seq"].as_u64().unwrap());
-        event["data"]["text"].as_str().unwrap().to_owned()
-    }
-}
-
 #[test]
 fn a_listener_that_was_cut_off_gets_every_event_once_and_in_order() {
     let twin = Twin::up(&["--rtf", "1", "--listen", "tcp/127.0.0.1:0"]);
-    let router = twin.listening.iter().find_map(|place| place.strip_prefix("tcp/")).unwrap();
-    let tether = Tether::to(router);
-    let far = Listener(twin.client_by(&format!("tcp/{}", tether.address), "monitor", &["--json"]));
+    let tether = Proxy::before(&listening(&twin.said, "tcp"));
+    let far = Monitor(twin.client_by(&tether.endpoint(), "monitor", &["--json"]));
     let near = twin.listen(&["health/plant"]);
     let mut anna = twin.operator("anna");
     assert!(anna.acquire(60.0).unwrap().granted);
 
-    let mut heard = Heard::default();
-    let hear =
-        |heard: &mut Heard, words: &str| far.0.until(words, |line| heard.line(line).ends_with(words).then_some(()));
+    let mut heard = Events::default();
+    let hear = |heard: &mut Events, words: &str| {
+        far.until(words, |key, body| heard.enter(key, body)?.ends_with(words).then_some(()));
+    };
     let seconds = |n: usize| {
         let mut left = n;
         near.until("the heartbeat of the plant", |key, _| {
@@ -581,38 +414,37 @@ fn a_listener_that_was_cut_off_gets_every_event_once_and_in_order() {
     let mut sent = talk(3);
     hear(&mut heard, &format!("by anna seq {sent}"));
 
-    tether.cut();
+    tether.cut(true);
     sent += talk(100);
     seconds(3);
-    let cut_off = heard.clone();
-    let so_far = far.0.lines.try_iter().filter(|line| heard.line(line).ends_with(&format!("anna seq {sent}"))).count();
-    assert_eq!(so_far, 0, "it was not cut off: {cut_off:?}");
-    tether.mend();
+    // What was on its way before the cut may still come.
+    let last = format!("anna seq {sent}");
+    let came = far.0.pending().filter(|line| {
+        let line: Value = serde_json::from_str(line).unwrap();
+        heard.enter(line["key"].as_str().unwrap(), &line["body"]).is_some_and(|said| said.ends_with(&last))
+    });
+    assert_eq!(came.count(), 0, "it was not cut off");
+    tether.cut(false);
     sent += talk(1);
     hear(&mut heard, &format!("by anna seq {sent}"));
 
     // One that does not read for a while.
-    far.0.signal("-STOP");
+    far.0.signal("STOP");
     sent += talk(100);
     seconds(3);
-    far.0.signal("-CONT");
+    far.0.signal("CONT");
     sent += talk(1);
     hear(&mut heard, &format!("by anna seq {sent}"));
 
     // A last word that nothing follows is not lost either.
-    tether.cut();
+    tether.cut(true);
     sent += talk(1);
     seconds(1);
-    tether.mend();
+    tether.cut(false);
     hear(&mut heard, &format!("by anna seq {sent}"));
 
-    let got = &heard.0;
-    assert!(got.len() >= 3, "{:?}", got.keys());
-    for (source, numbers) in got {
-        let complete: Vec<u64> = (1..=numbers.len() as u64).collect();
-        assert_eq!(*numbers, complete, "{source}");
-    }
-    let guidance = got.iter().find(|(source, _)| source.starts_with("guidance-")).unwrap().1.len();
+    heard.are_complete(&["estimator", "guidance", "controller"]);
+    let guidance = heard.texts.iter().filter(|text| text.starts_with("guidance: ")).count() as u64;
     // Each is scheduled and applied.
-    assert!(guidance as u64 >= 2 * sent, "{guidance} events for {sent} commands");
+    assert!(guidance >= 2 * sent, "{guidance} events for {sent} commands");
 }

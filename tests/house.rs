@@ -80,6 +80,8 @@ fn each_outside_world_stands_in_one_manifest() {
         ("zenoh", "supertwin-zenoh"),
         ("zenoh-ext", "supertwin-zenoh"),
         ("rerun", "supertwin-rerun"),
+        ("parquet", "supertwin-rerun"),
+        ("mcap", "supertwin-rerun"),
         ("clap", "supertwin"),
         ("indicatif", "supertwin"),
     ] {

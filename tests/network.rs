@@ -4,30 +4,31 @@ mod support;
 
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::path::Path;
 use std::time::Duration;
+use supertwin_zenoh::Link;
+use supertwin_zenoh::authority::LeaseAction;
 use supertwin_zenoh::session::exposures;
-use supertwin_zenoh::{Client, Link, SystemClock};
-use support::{Cable, Listener, Process, Proxy, Router, following, serve};
+use support::{CONFIG, Cable, Events, Listener, Place, Process, Proxy, SERVICES, following, listening};
 
 /// The vehicle's name in these tests.
 const ROV: &str = "rov";
 
 /// A vehicle with its router and its services; guidance may stand elsewhere.
 struct Vehicle {
-    folder: tempfile::TempDir,
-    trial: PathBuf,
-    router: Router,
+    place: Place,
+    trial: String,
+    router: Process,
+    /// The router's other endpoint.
+    tcp: String,
     services: BTreeMap<&'static str, Process>,
 }
 
 impl Vehicle {
     fn start(namespace: Option<&str>, address: &str) -> Self {
-        let folder = tempfile::tempdir().expect("a folder");
-        let trial = following(folder.path());
-        let router = Router::start(folder.path(), namespace, &format!("{address}:0"));
-        let mut vehicle = Self { folder, trial, router, services: BTreeMap::new() };
+        let place = Place::new();
+        let (router, tcp) = router(&place, namespace, address, &[]);
+        let mut vehicle = Self { trial: following(place.path()), place, router, tcp, services: BTreeMap::new() };
         for service in ["estimator", "controller", "plant"] {
             vehicle.serve(service, namespace);
         }
@@ -35,21 +36,33 @@ impl Vehicle {
     }
 
     fn serve(&mut self, service: &'static str, namespace: Option<&str>) {
-        let endpoint = self.router.unix.clone();
-        self.serve_at(service, &endpoint, namespace);
+        let socket = self.place.socket.clone();
+        self.serve_at(service, &socket, namespace);
     }
 
     fn serve_at(&mut self, service: &'static str, endpoint: &str, namespace: Option<&str>) {
-        self.services.insert(service, serve(service, ROV, &self.trial, endpoint, namespace));
+        let words = ["serve", service, "--json", "--vehicle", ROV, "--trial", &self.trial, "--connect", endpoint];
+        self.services.insert(service, self.place.start_in(namespace, &words));
+    }
+
+    /// Kills a service and starts another in its place.
+    fn restart(&mut self, service: &'static str) {
+        self.services.get_mut(service).expect("runs").kill();
+        self.serve(service, None);
     }
 
     fn listen(&self) -> Listener {
-        Listener::open(&self.router.unix, ROV)
+        Listener::open(&self.place.socket, ROV)
     }
+}
 
-    fn folder(&self) -> &Path {
-        self.folder.path()
-    }
+/// A router on the place's socket and by TCP; where the latter is.
+fn router(place: &Place, namespace: Option<&str>, address: &str, more: &[&str]) -> (Process, String) {
+    let tcp = format!("tcp/{address}:0");
+    let words = ["serve", "router", "--json", "--open-to-everyone", "--listen", &place.socket, "--listen", &tcp];
+    let process = place.start_in(namespace, &[&words, more].concat());
+    let tcp = listening(&process.json(), "tcp");
+    (process, tcp)
 }
 
 fn number(value: &Value, path: &str) -> f64 {
@@ -83,43 +96,30 @@ fn until_status(listener: &Listener, wanted: &str) -> Duration {
     listener.until(&what, |key, value| key == "telemetry/controller" && label(value, "controller/status") == wanted).1
 }
 
-/// Depth stays near 4 m and nobody is faster than twice the desired speed, waves included, for so many ticks.
+/// Depth stays near 4 m and nobody is faster than twice the desired speed, waves included, for so many ticks. All truth
+/// that was sent is seen, and nothing happens between two of them in less than half a second.
 fn stays_bounded(listener: &Listener, ticks: u64) -> f64 {
-    let (mut seen, mut end, mut fastest_at_the_end) = (0, None, 0.0_f64);
+    let (mut first, mut before, mut fastest_at_the_end) = (None, None, 0.0_f64);
     listener.until("the ticks to pass", |key, value| {
         if key != "plant/truth" {
             return false;
         }
-        let tick = value["tick"].as_u64().expect("a tick");
-        let end = *end.get_or_insert(tick + ticks);
+        let [tick, seq] = ["tick", "seq"].map(|name| value[name].as_u64().expect("a number"));
+        let end = *first.get_or_insert(tick) + ticks;
+        if let Some((last_tick, last_seq)) = before.replace((tick, seq)) {
+            assert_eq!(seq, last_seq + 1, "truth is lost before tick {tick}");
+            assert!(tick - last_tick < 25, "no truth between ticks {last_tick} and {tick}");
+        }
         let (speed, depth_m) = motion(value);
         assert!(speed < 0.6, "speed {speed} m/s at tick {tick}");
         assert!((depth_m - 4.0).abs() < 0.8, "depth {depth_m} m at tick {tick}");
         assert!(number(value, "/data/net_distance_m") > 1.0, "too near the net at tick {tick}");
-        seen += 1;
         if tick + 25 > end {
             fastest_at_the_end = fastest_at_the_end.max(speed);
         }
         tick >= end
     });
-    assert!(seen as f64 > 0.6 * ticks as f64, "truth at {seen} of {ticks} ticks only");
     fastest_at_the_end
-}
-
-/// Every event of every service, each once and in order.
-fn events_are_complete(events: &BTreeMap<String, Vec<u64>>) {
-    for (service, numbers) in events {
-        let expected: Vec<u64> = (1..=numbers.len() as u64).collect();
-        assert_eq!(numbers, &expected, "events of {service}");
-    }
-}
-
-fn enter(events: &mut BTreeMap<String, Vec<u64>>, texts: &mut Vec<String>, key: &str, value: &Value) {
-    if let Some(service) = key.strip_prefix("event/") {
-        let source = value["source"].as_str().expect("a source");
-        events.entry(format!("{service} {source}")).or_default().push(value["seq"].as_u64().expect("a number"));
-        texts.push(format!("{service}: {}", value["data"]["text"].as_str().expect("a text")));
-    }
 }
 
 /// What was sent, received and missed on a wire agrees, by the receiver's account.
@@ -143,28 +143,45 @@ fn guidance_topside_of_a_cut_tether_the_vehicle_brakes_and_holds_by_itself() {
     };
     let address = cable.as_ref().map_or("127.0.0.1".to_owned(), Cable::address);
     let mut vehicle = Vehicle::start(vehicle_side, &address);
-    let proxy = cable.is_none().then(|| Proxy::before(&vehicle.router.tcp));
-    let endpoint = proxy.as_ref().map_or(vehicle.router.tcp.clone(), Proxy::endpoint);
+    let beside = vehicle.listen().listen("plant/truth").listen("telemetry/controller").listen("health/*");
+    let sent = vehicle.listen().listen("estimator/nav");
+    let proxy = cable.is_none().then(|| Proxy::before(&vehicle.tcp));
+    let endpoint = proxy.as_ref().map_or(vehicle.tcp.clone(), Proxy::endpoint);
     vehicle.serve_at("guidance", &endpoint, topside);
     let plug = |plugged: bool| match (&cable, &proxy) {
         (Some(cable), _) => cable.plug(plugged),
         (None, Some(proxy)) => proxy.cut(!plugged),
         (None, None) => unreachable!("one of the two carries the tether"),
     };
-    let beside = vehicle.listen().listen("plant/truth").listen("telemetry/controller").listen("health/*");
-    let sent = vehicle.listen().listen("estimator/nav");
+    let far = ["--json", "--vehicle", ROV, "--connect", &endpoint];
+    let call = |words: &[&str]| vehicle.place.start_in(topside, &[words, &far].concat());
+    let speed = |value: &str| call(&["set", "speed_m_per_s", value]);
+    let listener = call(&["echo", "event/*"]);
     travels(&beside);
+    assert_eq!(speed("0.15").finish().well().json()["commands"][0]["status"], "applied");
 
     plug(false);
     let cut_at = beside.clock.now();
+    let mut unheard = speed("0.25");
     let braking = until_status(&beside, "fallback");
     let took = braking.saturating_sub(cut_at);
     assert!(took < Duration::from_millis(1500), "half a second of patience, took {took:?}");
-    let speed = stays_bounded(&beside, 150);
-    assert!(speed < 0.35, "brakes: {speed} m/s, waves included");
+    // The plant has nothing to say by itself: somebody on the vehicle gives a thruster the gain that it has.
+    let mut diver = beside.client("diver");
+    diver.acquire(30.0).expect("is granted");
+    diver.command("plant", "thruster_gain", json!({ "thruster": 1, "gain": 1.0 }), None).expect("is scheduled");
+    diver.lease(LeaseAction::Release, 0.0).expect("is given back");
+    let at_rest = stays_bounded(&beside, 150);
+    assert!(at_rest < 0.35, "brakes: {at_rest} m/s, waves included");
+    let unheard = unheard.finish();
+    assert!(unheard.code == Some(2) && unheard.err.contains(&format!("no router at {endpoint}")), "{unheard:?}");
     plug(true);
     until_status(&beside, "tracking");
     travels(&beside);
+    let state = call(&["get", "speed_m_per_s"]).finish().well().json();
+    assert_eq!(state["value"]["constant"], 0.15, "what could not be said has changed nothing: {state}");
+    assert_eq!(speed("0.2").finish().well().json()["commands"][0]["status"], "applied");
+
     let account = ledger(&beside, "guidance", "estimator/nav");
     let missing = account["missing"].as_u64().expect("a count");
     assert!((100..400).contains(&missing), "three seconds and the way back are missing: {missing}");
@@ -179,12 +196,28 @@ fn guidance_topside_of_a_cut_tether_the_vehicle_brakes_and_holds_by_itself() {
     assert!(numbers[0] <= 1 || first >= numbers[0], "and was there before guidance");
     let sent_to_guidance = numbers.iter().filter(|number| (first..=last).contains(number)).count() as u64;
     assert_eq!(sent_to_guidance - account["received"].as_u64().expect("a count"), missing);
+
+    // Whoever listened topside was cut off as well, and yet has every event, those of the cut included.
+    let mut events = Events::default();
+    let applied = |words: &'static str| move |text: &&String| text.contains("applied") && text.contains(words);
+    listener.until("the events of the cut and of what came after it", |line| {
+        let said: Value = serde_json::from_str(line).expect("JSON");
+        events.enter(said["key"].as_str().expect("a key"), &said["value"]);
+        let all = events.outages() >= 1
+            && ["thruster_gain", r#"{"constant":0.2}"#]
+                .iter()
+                .all(|words| events.texts.iter().any(|text| applied(words)(&text)));
+        all.then_some(())
+    });
+    events.are_complete(&SERVICES);
+    let obeyed = events.texts.iter().filter(applied("speed_m_per_s")).count();
+    assert_eq!(obeyed, 2, "{:?}", events.texts);
 }
 
 #[test]
 fn a_tether_that_is_cut_stalls_and_lags_by_proxy() {
     let mut vehicle = Vehicle::start(None, "127.0.0.1");
-    let proxy = Proxy::before(&vehicle.router.tcp);
+    let proxy = Proxy::before(&vehicle.tcp);
     vehicle.serve_at("guidance", &proxy.endpoint(), None);
     let beside = vehicle.listen().listen("plant/truth").listen("telemetry/controller").listen("health/*");
     let topside = Listener::open(&proxy.endpoint(), ROV).events();
@@ -209,21 +242,18 @@ fn a_tether_that_is_cut_stalls_and_lags_by_proxy() {
     proxy.delay(Duration::ZERO);
     until_status(&beside, "tracking");
     travels(&beside);
-    ledger(&beside, "guidance", "estimator/nav");
     ledger(&beside, "controller", "guidance/reference");
+    let topside_account = ledger(&beside, "guidance", "estimator/nav");
+    assert!(topside_account["missing"].as_u64() > Some(0), "the cut took something: {topside_account}");
 
     // Topside was cut off as well, and yet has every event of the vehicle's own services.
-    let (mut events, mut texts) = (BTreeMap::new(), Vec::new());
-    let fallbacks = |texts: &[String]| texts.iter().filter(|text| *text == "controller: fallback").count();
-    let mut tracking = 0;
+    let mut events = Events::default();
     topside.until("the events of both outages", |key, value| {
-        enter(&mut events, &mut texts, key, value);
-        tracking = texts.iter().filter(|text| *text == "controller: tracking").count();
-        fallbacks(&texts) >= 2 && tracking >= 3
+        events.enter(key, value);
+        events.outages() >= 2
     });
-    topside.during(Duration::from_millis(700), |key, value| enter(&mut events, &mut texts, key, value));
-    events_are_complete(&events);
-    assert!(events.keys().any(|key| key.starts_with("controller")), "{texts:?}");
+    topside.during(Duration::from_millis(700), |key, value| _ = events.enter(key, value));
+    events.are_complete(&["estimator", "controller"]);
 }
 
 #[test]
@@ -241,8 +271,7 @@ fn each_service_killed_in_turn_rejoins_without_a_hand_and_without_a_jump() {
             before.is_some()
         });
         let (was, last) = before.expect("there was one");
-        vehicle.services.get_mut(service).expect("runs").kill();
-        vehicle.serve(service, None);
+        vehicle.restart(service);
         if service == "controller" {
             // The first wrench of the new instance continues from the last of the old one.
             let (first, _) =
@@ -259,8 +288,7 @@ fn each_service_killed_in_turn_rejoins_without_a_hand_and_without_a_jump() {
     }
     // The plant's death is the twin's: a new truth begins where the trial does, at the tick where the others are.
     let (last, _) = beside.until("truth", |key, _| key == "plant/truth");
-    vehicle.services.get_mut("plant").expect("runs").kill();
-    vehicle.serve("plant", None);
+    vehicle.restart("plant");
     let (first, _) =
         beside.until("a new plant", |key, value| key == "plant/truth" && value["source"] != last["source"]);
     assert_eq!(first["run"], last["run"], "the run goes on");
@@ -274,16 +302,27 @@ fn a_router_that_restarts_is_found_again() {
     let mut vehicle = Vehicle::start(None, "127.0.0.1");
     vehicle.serve("guidance", None);
     let beside = vehicle.listen().listen("plant/truth").listen("telemetry/controller");
+    let told = vehicle.listen().events();
     travels(&beside);
-    vehicle.router.process.kill();
-    let folder = vehicle.folder().to_owned();
-    vehicle.router = Router::start(&folder, None, "127.0.0.1:0");
+    vehicle.router.kill();
+    // Longer than the controller's patience with a silent guidance.
+    beside.during(Duration::from_millis(1500), |_, _| {});
+    (vehicle.router, vehicle.tcp) = router(&vehicle.place, None, "127.0.0.1", &[]);
     let back = beside.clock.now();
     while beside.next().2 < back {}
     let speed = stays_bounded(&beside, 100);
     assert!(speed < 0.6, "{speed} m/s two seconds after the router came back");
     until_status(&beside, "tracking");
     travels(&beside);
+
+    // The listener lost the router as well, and yet has every event, those of its absence included.
+    let mut events = Events::default();
+    told.until("the events of the outage", |key, value| {
+        events.enter(key, value);
+        events.outages() >= 1
+    });
+    told.during(Duration::from_millis(700), |key, value| _ = events.enter(key, value));
+    events.are_complete(&["estimator", "guidance", "controller"]);
 }
 
 #[test]
@@ -295,8 +334,7 @@ fn the_deadman_acts_within_its_time() {
         move |key: &str, value: &Value| key == "telemetry/guidance" && label(value, "guidance/reason") == wanted
     };
     beside.until("guidance to be up", reason("commanded"));
-    let clock = Arc::new(SystemClock::start());
-    let mut pilot = Client::new(beside.session.clone(), ROV, "pilot", clock);
+    let mut pilot = beside.client("pilot");
     pilot.acquire(30.0).expect("is granted");
     let mut let_go = beside.clock.now();
     for sample in 0..20 {
@@ -318,9 +356,9 @@ fn the_deadman_acts_within_its_time() {
         assert!(!reason("operator_lost")(key, value), "a stream that was ended needs no hand");
     });
     // A lease that runs out without being given back is an operator who is lost.
-    let mut other = Client::new(beside.session.clone(), ROV, "other", Arc::new(SystemClock::start()));
+    let mut other = beside.client("other");
     assert!(other.acquire(5.0).expect_err("pilot has it").to_string().contains("pilot holds the authority"));
-    pilot.lease(supertwin_zenoh::authority::LeaseAction::Renew, 0.5).expect("is renewed");
+    pilot.lease(LeaseAction::Renew, 0.5).expect("is renewed");
     let (_, lost) = beside.until("the lease to run out", reason("operator_lost"));
     other.acquire(5.0).expect("nobody has it any more");
     beside.until("an operator again", reason("commanded"));
@@ -334,16 +372,11 @@ fn an_emergency_outlives_its_controller_and_a_lease_that_dies_with_it_makes_the_
     vehicle.serve("guidance", None);
     let beside = vehicle.listen().listen("telemetry/controller").listen("telemetry/guidance");
     until_status(&beside, "tracking");
-    let client = |name: &str| Client::new(beside.session.clone(), ROV, name, Arc::new(SystemClock::start()));
-    client("passer-by").command("controller", "neutral", json!(true), None).expect("needs no authority");
+    beside.client("passer-by").command("controller", "neutral", json!(true), None).expect("needs no authority");
     until_status(&beside, "emergency_neutral");
 
-    let mut restart = |service: &'static str| {
-        vehicle.services.get_mut(service).expect("runs").kill();
-        vehicle.serve(service, None);
-    };
     let (last, _) = beside.until("telemetry", |key, _| key == "telemetry/controller");
-    restart("controller");
+    vehicle.restart("controller");
     let mut steps = 0;
     beside.until("fifty steps of the new controller", |key, value| {
         if key == "telemetry/controller" && value["source"] != last["source"] {
@@ -354,12 +387,12 @@ fn an_emergency_outlives_its_controller_and_a_lease_that_dies_with_it_makes_the_
         }
         steps == 50
     });
-    let mut pilot = client("pilot");
+    let mut pilot = beside.client("pilot");
     pilot.acquire(30.0).expect("is granted");
     pilot.command("controller", "neutral", json!(false), None).expect("the holder may end it");
     until_status(&beside, "tracking");
 
-    restart("controller");
+    vehicle.restart("controller");
     let reason = |wanted: &'static str| {
         move |key: &str, value: &Value| key == "telemetry/guidance" && label(value, "guidance/reason") == wanted
     };
@@ -370,21 +403,21 @@ fn an_emergency_outlives_its_controller_and_a_lease_that_dies_with_it_makes_the_
 
 #[test]
 fn two_vehicles_on_one_router_do_not_hear_each_other_and_a_fleet_client_sees_both() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let trial = following(folder.path()).display().to_string();
-    let router = Router::start(folder.path(), None, "127.0.0.1:0");
+    let place = Place::new();
+    let trial = following(place.path());
+    let (_router, _) = router(&place, None, "127.0.0.1", &[]);
     let up = |vehicle: &str, seed: &str| {
         let words =
-            ["up", "--json", "--trial", &trial, "--vehicle", vehicle, "--seed", seed, "--connect", &router.unix];
-        let mut process = Process::supertwin(&words);
-        assert_eq!(process.json_line()["vehicle"], vehicle);
+            ["up", "--json", "--trial", &trial, "--vehicle", vehicle, "--seed", seed, "--connect", &place.socket];
+        let process = place.start(&words);
+        assert_eq!(process.json()["vehicle"], vehicle);
         process
     };
     let _vehicles = [up("ann", "1"), up("bob", "2")];
-    let fleet = Listener::open(&router.unix, "*").listen("health/controller").listen("event/guidance");
+    let fleet = Listener::open(&place.socket, "*").listen("health/controller").listen("event/guidance");
     let mut sources: BTreeMap<String, String> = BTreeMap::new();
     let mut deep = Vec::new();
-    let mut client = Client::new(fleet.session.clone(), "ann", "fleet", Arc::new(SystemClock::start()));
+    let mut client = Listener::open(&place.socket, "ann").client("fleet");
     client.acquire(20.0).expect("is granted");
     client.command("guidance", "depth_m", json!(5.0), None).expect("is scheduled");
     fleet.until("both vehicles' health, twice", |key, value| {
@@ -407,41 +440,36 @@ fn two_vehicles_on_one_router_do_not_hear_each_other_and_a_fleet_client_sees_bot
 
 #[test]
 fn verify_says_yes_to_the_ring_and_a_service_that_comes_later_ends_a_lock_step_run() {
-    let mut verify = Process::supertwin(&["verify", "paper-gsta", "--duration", "1.5", "--json"]);
-    assert_eq!(verify.wait(), 0, "the same bits");
+    let place = Place::new();
+    // The same bits.
+    place.call(&["verify", "paper-gsta", "--duration", "1.5", "--json"]).well();
 
-    let folder = tempfile::tempdir().expect("a folder");
-    let trial = following(folder.path()).display().to_string();
-    let router = Router::start(folder.path(), None, "127.0.0.1:0");
+    let trial = following(place.path());
+    let (_router, _) = router(&place, None, "127.0.0.1", &[]);
     let start = |service: &str| {
         let words =
-            ["serve", service, "--pace", "lockstep", "--trial", &trial, "--vehicle", ROV, "--connect", &router.unix];
-        Process::supertwin(&words)
+            ["serve", service, "--pace", "lockstep", "--trial", &trial, "--vehicle", ROV, "--connect", &place.socket];
+        place.start(&words)
     };
-    let beside = Listener::open(&router.unix, ROV).listen("plant/measurements");
+    let beside = Listener::open(&place.socket, ROV).listen("plant/measurements");
     let mut services: Vec<Process> = ["plant", "estimator", "guidance", "controller"].map(start).into();
     beside.until("the ring to run", |_, value| value["tick"].as_u64() > Some(20));
     services[1].kill();
-    let mut second = start("estimator");
-    assert_eq!(second.wait(), 1, "it says that it can't join");
+    let second = start("estimator").finish();
+    assert!(second.code == Some(1) && second.err.contains("nobody can join"), "{second:?}");
     for service in [0, 2, 3] {
-        assert_eq!(services[service].wait(), 1, "and the others end with it");
+        assert_eq!(services[service].finish().code, Some(1), "and the others end with it");
     }
 }
 
 #[test]
 fn a_thin_tether_thins_telemetry_and_nothing_else() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let trial = following(folder.path()).display().to_string();
-    let unix = format!("unixsock-stream/{}", folder.path().join("r.sock").display());
-    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/zenoh/thin-tether-router.json5");
-    let words = ["serve", "router", "--json", "--zenoh", file, "--listen", &unix, "--listen", "tcp/127.0.0.1:0"];
-    let mut router = Process::supertwin(&words);
-    let said = router.json_line();
-    let tcp = said["listening"].as_array().expect("a list").iter().filter_map(Value::as_str);
-    let tcp = tcp.filter(|place| place.starts_with("tcp/")).map(str::to_owned).next().expect("listens by TCP");
-    let mut up = Process::supertwin(&["up", "--json", "--trial", &trial, "--vehicle", ROV, "--connect", &unix]);
-    up.json_line();
+    let place = Place::new();
+    let trial = following(place.path());
+    let file = format!("{CONFIG}/zenoh/thin-tether-router.json5");
+    let (_router, tcp) = router(&place, None, "127.0.0.1", &["--zenoh", &file]);
+    let up = place.start(&["up", "--json", "--trial", &trial, "--vehicle", ROV, "--connect", &place.socket]);
+    up.json();
     let keys = ["telemetry/*", "plant/truth", "estimator/nav", "guidance/reference", "controller/thrust"];
     let count = |listener: &Listener| {
         let mut silent: Vec<&str> = keys.to_vec();
@@ -460,7 +488,7 @@ fn a_thin_tether_thins_telemetry_and_nothing_else() {
         counts
     };
     let listen = |endpoint: &str| keys.iter().fold(Listener::open(endpoint, ROV), |listener, key| listener.listen(key));
-    let (near, far) = (count(&listen(&unix)), count(&listen(&tcp)));
+    let (near, far) = (count(&listen(&place.socket)), count(&listen(&tcp)));
     for key in ["telemetry/plant", "telemetry/controller", "plant/truth"] {
         assert!(near[key] > 190, "{key} on the vehicle: {near:?}");
         assert!((15..=26).contains(&far[key]), "{key} topside, at 5 Hz for four seconds: {far:?}");
@@ -469,7 +497,7 @@ fn a_thin_tether_thins_telemetry_and_nothing_else() {
         assert!(far[key] > 190, "{key} topside: {far:?}");
     }
     let topside = Listener::open(&tcp, ROV).events();
-    let mut pilot = Client::new(topside.session.clone(), ROV, "pilot", Arc::new(SystemClock::start()));
+    let mut pilot = topside.client("pilot");
     pilot.acquire(10.0).expect("is granted");
     let tick = pilot.command("guidance", "depth_m", json!(4.5), None).expect("is scheduled");
     let (event, _) = topside.until("the command's event", |key, value| {
@@ -481,9 +509,12 @@ fn a_thin_tether_thins_telemetry_and_nothing_else() {
 
 #[test]
 fn every_shipped_zenoh_file_is_legal_and_exposes_nothing() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/zenoh");
+    let folder = Path::new(CONFIG).join("zenoh");
     let mut seen = 0;
     for entry in std::fs::read_dir(folder).expect("exists").flatten() {
+        if entry.path().extension().is_some_and(|extension| extension == "md") {
+            continue;
+        }
         let link = Link { file: Some(entry.path()), ..Link::default() };
         link.config().unwrap_or_else(|error| panic!("{error}"));
         let settings = link.settings().expect("legal");

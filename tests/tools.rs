@@ -1,92 +1,46 @@
 //! The operator's tools as an operator meets them: real services in their own process, real calls, real signals.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
+mod support;
+
 use serde_json::Value;
-use std::io::{BufRead, BufReader};
-use std::path::Path;
-use std::process::{Child, ChildStdout, Command, Output, Stdio};
-use tempfile::TempDir;
+use support::{Ended, Place, Process, SERVICES};
 
-const CONFIG: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config");
-const SERVICES: [&str; 4] = ["plant", "estimator", "guidance", "controller"];
-
-fn supertwin(folder: &Path, arguments: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_supertwin"));
-    for name in ["SUPERTWIN_CONNECT", "SUPERTWIN_ZENOH", "SUPERTWIN_VEHICLE"] {
-        command.env_remove(name);
-    }
-    command.current_dir(folder).args(["--config", CONFIG]).args(arguments).stdin(Stdio::null());
-    command
-}
-
-fn text(bytes: &[u8]) -> String {
-    String::from_utf8_lossy(bytes).into_owned()
-}
-
-/// A process that says a line when it is up, and is killed when the test is over.
-struct Up {
-    child: Child,
-    out: BufReader<ChildStdout>,
-    first: Value,
-}
-
-impl Up {
-    fn start(folder: &Path, arguments: &[&str]) -> Self {
-        let mut child = supertwin(folder, arguments).stdout(Stdio::piped()).spawn().unwrap();
-        let mut out = BufReader::new(child.stdout.take().unwrap());
-        let mut line = String::new();
-        out.read_line(&mut line).unwrap();
-        let first = serde_json::from_str(&line).unwrap_or_else(|_| panic!("{arguments:?} said {line:?}"));
-        Self { child, out, first }
-    }
-
-    fn signal(&self, name: &str) {
-        assert!(Command::new("kill").args([name, &self.child.id().to_string()]).status().unwrap().success());
-    }
-}
-
-impl Drop for Up {
-    fn drop(&mut self) {
-        // It may have ended by itself.
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
-}
-
-/// A folder with a router's socket in it.
-struct Place {
-    folder: TempDir,
-    socket: String,
-}
-
+/// What the operator's tools need of a place.
 impl Place {
-    fn new() -> Self {
-        let folder = tempfile::tempdir().unwrap();
-        let socket = format!("unixsock-stream/{}/r.sock", folder.path().display());
-        Self { folder, socket }
+    fn up(&self, more: &[&str]) -> Process {
+        self.started(&[&["up", "--no-mission", "--listen", &self.socket][..], more].concat())
     }
 
-    fn up(&self, more: &[&str]) -> Up {
-        let arguments = ["up", "--no-mission", "--trial", "paper-agsta", "--listen", self.socket.as_str(), "--json"];
-        Up::start(self.folder.path(), &[&arguments[..], more].concat())
+    fn router(&self) -> Process {
+        self.started(&["serve", "router", "--listen", &self.socket])
     }
 
-    fn serve(&self, service: &str) -> Up {
-        let arguments =
-            ["serve", service, "--no-mission", "--trial", "paper-agsta", "--connect", self.socket.as_str(), "--json"];
-        Up::start(self.folder.path(), &arguments)
+    fn serve(&self, service: &str) -> Process {
+        self.started(&["serve", service, "--no-mission", "--connect", &self.socket])
     }
 
-    fn call(&self, arguments: &[&str]) -> Output {
-        supertwin(self.folder.path(), &[arguments, &["--connect", &self.socket]].concat()).output().unwrap()
+    /// A process that says a line when it is up.
+    fn started(&self, arguments: &[&str]) -> Process {
+        let process = self.start(&[arguments, &["--json"]].concat());
+        process.json();
+        process
     }
 
-    /// Standard output as JSON of a call that ended with `code`.
+    /// A tool at the router here.
+    fn tool(&self, arguments: &[&str]) -> Process {
+        self.start(&[arguments, &["--connect", &self.socket]].concat())
+    }
+
+    fn ask(&self, arguments: &[&str]) -> Ended {
+        self.tool(arguments).finish()
+    }
+
+    /// What a tool says that ends with `code`.
     fn json(&self, code: i32, arguments: &[&str]) -> Value {
-        let done = self.call(&[arguments, &["--json"]].concat());
-        let said = text(&done.stderr);
-        assert_eq!(done.status.code(), Some(code), "{arguments:?}: {said}{}", text(&done.stdout));
-        serde_json::from_slice(&done.stdout).unwrap_or_else(|cause| panic!("{arguments:?}: {cause}: {said}"))
+        let done = self.ask(&[arguments, &["--json"]].concat());
+        assert_eq!(done.code, Some(code), "{arguments:?}: {done:?}");
+        done.json()
     }
 
     /// Findings of the doctor that are not well, as `check: what`.
@@ -124,7 +78,7 @@ fn commands_apply_are_acknowledged_and_leave_the_authority_free() {
     let all = place.json(0, &["get"]);
     assert_eq!(all["states"]["guidance"]["mode"]["value"], "depth_heading_hold");
     assert_eq!(all["parameters"]["controller"]["law"]["agsta"]["beta"]["surge"], 4.0);
-    let table = text(&place.call(&["get"]).stdout);
+    let table = place.ask(&["get"]).out;
     for words in ["authority: nobody", "controller.law.agsta.beta.surge", "depth_heading_hold"] {
         assert!(table.contains(words), "{words} is missing in\n{table}");
     }
@@ -147,9 +101,9 @@ fn commands_apply_are_acknowledged_and_leave_the_authority_free() {
         (2, &["set", "depth_m", "{5"][..], "is no JSON"),
         (2, &["echo", "a//b"][..], "KEY a//b: Invalid Key Expr"),
     ] {
-        let done = place.call(arguments);
-        let said = text(&done.stderr);
-        assert_eq!(done.status.code(), Some(code), "{arguments:?}: {said}");
+        let done = place.ask(arguments);
+        let said = &done.err;
+        assert_eq!(done.code, Some(code), "{arguments:?}: {said}");
         assert!(said.contains(expected) && !said.contains(".rs"), "{arguments:?}: {said}");
     }
 }
@@ -162,19 +116,13 @@ fn a_command_that_does_not_apply_in_time_is_no_success() {
     let late = place.json(1, &["set", "depth_m", "5", "--wait", "0.3"]);
     assert_eq!(late["commands"][0]["status"], "scheduled");
 
-    let arguments = ["echo", "event/guidance", "--json", "--connect", place.socket.as_str()];
-    let mut events = Up::start(place.folder.path(), &arguments);
-    let mut command = supertwin(place.folder.path(), &["set", "depth_m", "4", "--wait", "60"]);
-    let set = command.args(["--connect", &place.socket]).stderr(Stdio::piped()).spawn().unwrap();
-    let mut said = String::new();
-    while !said.contains(": depth_m 4 by ") {
-        said.clear();
-        assert!(events.out.read_line(&mut said).unwrap() > 0, "echo ended");
-    }
-    assert!(Command::new("kill").args(["-INT", &set.id().to_string()]).status().unwrap().success());
-    let done = set.wait_with_output().unwrap();
-    assert_eq!(done.status.code(), Some(130), "{}", text(&done.stderr));
-    assert!(text(&done.stderr).contains("interrupted: depth_m 4 applies at tick"), "{}", text(&done.stderr));
+    let events = place.tool(&["echo", "event/guidance"]);
+    let mut set = place.tool(&["set", "depth_m", "4", "--wait", "60"]);
+    events.until("the command", |line| line.contains(": depth_m 4 by ").then_some(()));
+    set.signal("INT");
+    let done = set.finish();
+    assert_eq!(done.code, Some(130), "{}", done.err);
+    assert!(done.err.contains("interrupted: depth_m 4 applies at tick"), "{}", done.err);
     assert!(place.json(0, &["get", "lease"])["holder"].is_null(), "the authority was given back");
 }
 
@@ -184,7 +132,7 @@ fn emergencies_faults_and_restarts_are_commands_too() {
     let _up = place.up(&[]);
     let done = place.json(0, &["set", "neutral", "true"]);
     assert_eq!(done["commands"][0]["status"], "applied");
-    let events = text(&place.call(&["echo", "event/controller", "--for", "1"]).stdout);
+    let events = place.ask(&["echo", "event/controller", "--for", "1"]).out;
     assert!(events.contains(r#"command applied: {"neutral":true}"#) && !events.contains("has the authority"));
     let faults = ["estimator", "restart", "dvl_silent_for_s", "2", "thruster_gain", r#"{"thruster":1,"gain":0.5}"#];
     let done = place.json(0, &[&["set", "neutral", "false"], &faults[..]].concat());
@@ -196,8 +144,7 @@ fn emergencies_faults_and_restarts_are_commands_too() {
 #[test]
 fn what_flows_is_listed_shown_and_measured() {
     let place = Place::new();
-    let mut up = place.up(&[]);
-    let run = up.first["run"].as_str().unwrap().to_owned();
+    let mut up = place.up(&["--run", "this"]);
 
     let listed = place.json(0, &["list"]);
     let vehicle = &listed["vehicles"][0];
@@ -208,15 +155,16 @@ fn what_flows_is_listed_shown_and_measured() {
     let nav = keys.iter().find(|flow| flow["key"] == "estimator/nav").unwrap();
     assert!(nav["writers"][0].as_str().unwrap().starts_with("estimator-"), "{nav}");
 
-    let done = place.call(&["echo", "estimator/nav", "--count", "3", "--json"]);
-    let lines: Vec<Value> = text(&done.stdout).lines().map(|line| serde_json::from_str(line).unwrap()).collect();
-    assert_eq!((done.status.code(), lines.len()), (Some(0), 3));
+    let done = place.ask(&["echo", "estimator/nav", "--count", "3", "--json"]);
+    let lines: Vec<Value> = done.out.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert_eq!((done.code, lines.len()), (Some(0), 3));
     assert_eq!(lines[2]["key"], "supertwin/argus-mini/estimator/nav");
     assert!(lines[2]["value"]["tick"].as_u64() > lines[0]["value"]["tick"].as_u64());
 
     // Events of before the listener came are shown first, in the order in which they happened.
-    let done = place.call(&["echo", "event/**", "--count", "4", "--json"]);
-    let ticks: Vec<u64> = text(&done.stdout)
+    let done = place.ask(&["echo", "event/**", "--count", "4", "--json"]);
+    let ticks: Vec<u64> = done
+        .out
         .lines()
         .map(|line| serde_json::from_str::<Value>(line).unwrap()["value"]["tick"].as_u64().unwrap())
         .collect();
@@ -228,57 +176,49 @@ fn what_flows_is_listed_shown_and_measured() {
     assert!((30.0..70.0).contains(&rate_hz), "{nav}");
     assert!(nav["jitter_ms"].is_f64() && nav["bytes_per_s"].as_f64().unwrap() > 1000.0, "{nav}");
     assert_eq!((nav["duplicates"].as_u64(), nav["rivals"].as_u64()), (Some(0), Some(0)), "{nav}");
-    let silent = place.call(&["hz", "nobody/here", "--for", "0.2"]);
-    assert_eq!(silent.status.code(), Some(1));
-    assert!(text(&silent.stderr).contains("nothing was heard"));
+    let silent = place.ask(&["hz", "nobody/here", "--for", "0.2"]);
+    assert_eq!(silent.code, Some(1));
+    assert!(silent.err.contains("nothing was heard"));
 
     let snapshot = place.json(0, &["top"]);
     let lines = snapshot["services"].as_array().unwrap();
     assert_eq!(lines.len(), 4);
     for line in lines {
-        assert_eq!((&line["status"], line["health"]["run"].as_str()), (&"up".into(), Some(run.as_str())), "{line}");
+        assert_eq!((&line["status"], line["health"]["run"].as_str()), (&"up".into(), Some("this")), "{line}");
         assert!(line["rate_hz"].as_f64().unwrap() > 10.0, "{line}");
     }
-    let table = text(&place.call(&["top"]).stdout);
+    let table = place.ask(&["top"]).out;
     assert!(SERVICES.iter().all(|service| table.contains(service)) && table.contains("step p50/p99"), "{table}");
 
     // What a user stops has done what it should.
-    let listener = ["echo", "estimator/nav", "--json", "--connect", place.socket.as_str()];
-    let mut echo = Up::start(place.folder.path(), &listener);
-    echo.signal("-INT");
-    let status = echo.child.wait().unwrap();
-    assert_eq!((status.code(), echo.first["key"].is_string()), (Some(0), true));
+    let mut echo = place.tool(&["echo", "estimator/nav", "--json"]);
+    assert!(echo.json()["key"].is_string());
+    echo.signal("INT");
+    assert_eq!(echo.finish().code, Some(0));
 
-    let call = format!(
-        "'{}' --config '{CONFIG}' echo estimator/nav --connect {} | head -1",
-        env!("CARGO_BIN_EXE_supertwin"),
-        place.socket
-    );
-    let done = Command::new("sh").arg("-c").arg(call).output().unwrap();
-    assert!(done.stderr.is_empty() && text(&done.stdout).lines().count() == 1, "{}", text(&done.stderr));
+    let done = place.shell(&format!("supertwin echo estimator/nav --connect {} | head -1", place.socket));
+    assert!(done.err.is_empty() && done.out.lines().count() == 1, "{done:?}");
 
-    up.signal("-INT");
-    let mut rest = String::new();
-    while up.out.read_line(&mut rest).unwrap() > 0 {}
-    assert_eq!(up.child.wait().unwrap().code(), Some(0));
+    up.signal("INT");
+    assert_eq!(up.finish().code, Some(0));
 }
 
 #[test]
 fn the_vehicle_is_the_only_one_or_has_to_be_named() {
     let place = Place::new();
-    let _router = Up::start(place.folder.path(), &["serve", "router", "--listen", &place.socket, "--json"]);
-    let nobody = place.call(&["get"]);
-    assert_eq!(nobody.status.code(), Some(1));
-    assert!(text(&nobody.stderr).contains("start one with `supertwin up`"), "{}", text(&nobody.stderr));
+    let _router = place.router();
+    let nobody = place.ask(&["get"]);
+    assert_eq!(nobody.code, Some(1));
+    assert!(nobody.err.contains("start one with `supertwin up`"), "{}", nobody.err);
     assert_eq!(place.json(0, &["list"])["vehicles"], Value::Array(Vec::new()));
 
-    let one = ["serve", "estimator", "--json", "--connect", place.socket.as_str(), "--vehicle"];
-    let _anna = Up::start(place.folder.path(), &[&one[..], &["anna"]].concat());
+    let one = ["serve", "estimator", "--connect", &place.socket, "--vehicle"];
+    let _anna = place.started(&[&one[..], &["anna"]].concat());
     assert_eq!(place.json(0, &["get"])["vehicle"], "anna");
-    let _ben = Up::start(place.folder.path(), &[&one[..], &["ben"]].concat());
-    let which = place.call(&["get"]);
-    assert_eq!(which.status.code(), Some(2));
-    assert!(text(&which.stderr).contains("anna, ben are up: say which"), "{}", text(&which.stderr));
+    let _ben = place.started(&[&one[..], &["ben"]].concat());
+    let which = place.ask(&["get"]);
+    assert_eq!(which.code, Some(2));
+    assert!(which.err.contains("anna, ben are up: say which"), "{}", which.err);
     assert_eq!(place.json(0, &["get", "--vehicle", "ben"])["vehicle"], "ben");
 }
 
@@ -287,7 +227,7 @@ fn the_doctor_finds_nothing_when_all_is_well_and_a_second_controller_when_there_
     let place = Place::new();
     let _up = place.up(&[]);
     assert_eq!(place.doctor(0, &[]), Vec::<String>::new());
-    let said = text(&place.call(&["doctor"]).stdout);
+    let said = place.ask(&["doctor"]).out;
     for words in ["ok       router", "ok       clock: the vehicle's is", "ok       versions"] {
         assert!(said.contains(words), "{words} is missing in\n{said}");
     }
@@ -306,7 +246,7 @@ fn the_doctor_finds_what_is_missing_and_a_service_that_went_is_gone() {
     let found = place.doctor(1, &[]);
     assert!(found.len() == 1 && found[0].starts_with("router: no router at unixsock-stream/"), "{found:?}");
 
-    let router = Up::start(place.folder.path(), &["serve", "router", "--listen", &place.socket, "--json"]);
+    let router = place.router();
     let found = place.doctor(1, &[]);
     assert_eq!(found, ["services: none is up"]);
 
@@ -317,18 +257,15 @@ fn the_doctor_finds_what_is_missing_and_a_service_that_went_is_gone() {
     assert!(found.contains(&"services: controller of argus-mini is missing".to_owned()), "{found:?}");
     assert!(!found.iter().any(|text| text.starts_with("access")), "{found:?}");
 
-    let arguments = ["top", "--json", "--count", "1000", "--connect", place.socket.as_str()];
-    let mut top = Up::start(place.folder.path(), &arguments);
+    let top = place.tool(&["top", "--json", "--count", "1000"]);
     let status = |snapshot: &Value, service: &str| {
         let line = snapshot["services"].as_array().unwrap().iter().find(|line| line["service"] == service).cloned();
         line.unwrap()["status"].as_str().unwrap().to_owned()
     };
-    assert_eq!(status(&top.first, "plant"), "up");
+    assert_eq!(status(&top.json(), "plant"), "up");
     drop(plant);
     let gone = loop {
-        let mut line = String::new();
-        assert!(top.out.read_line(&mut line).unwrap() > 0, "top ended");
-        let snapshot: Value = serde_json::from_str(&line).unwrap();
+        let snapshot = top.json();
         if status(&snapshot, "plant") != "up" {
             break snapshot;
         }
@@ -342,7 +279,7 @@ fn the_doctor_finds_settings_that_are_dangerous_or_can_not_be_used() {
     let place = Place::new();
     let _up = place.up(&[]);
     let file = |name: &str, body: &str| {
-        let path = place.folder.path().join(name);
+        let path = place.path().join(name);
         std::fs::write(&path, body).unwrap();
         path.display().to_string()
     };
@@ -371,7 +308,7 @@ fn the_doctor_finds_settings_that_are_dangerous_or_can_not_be_used() {
 #[test]
 fn the_doctor_finds_keys_that_may_not_be_read() {
     let place = Place::new();
-    let path = place.folder.path().join("acl.json5");
+    let path = place.path().join("acl.json5");
     let liveliness = "{ mode: 'router', access_control: { enabled: true, default_permission: 'deny',
         rules: [{ id: 'alive', permission: 'allow', flows: ['ingress', 'egress'], key_exprs: ['supertwin/*/alive/**'],
             messages: ['liveliness_token', 'liveliness_query', 'declare_liveliness_subscriber'] }],
@@ -390,14 +327,14 @@ fn the_doctor_finds_keys_that_may_not_be_read() {
 fn every_tool_has_examples_and_exit_states_in_its_help() {
     let place = Place::new();
     for verb in ["set", "get", "list", "echo", "hz", "top", "doctor"] {
-        let help = text(&place.call(&[verb, "--help"]).stdout);
+        let help = place.ask(&[verb, "--help"]).out;
         assert!(help.contains("Examples:") && help.contains("Exit status"), "{verb}: {help}");
         assert!(help.contains("--json") && help.contains("--connect"), "{verb}: {help}");
     }
     // Without a router every tool says so, and what to do.
     for arguments in [&["list"][..], &["top"][..], &["set", "depth_m", "5"][..]] {
-        let done = place.call(arguments);
-        assert_eq!(done.status.code(), Some(2), "{arguments:?}");
-        assert!(text(&done.stderr).contains("start one with `supertwin up`"), "{}", text(&done.stderr));
+        let done = place.ask(arguments);
+        assert_eq!(done.code, Some(2), "{arguments:?}");
+        assert!(done.err.contains("start one with `supertwin up`"), "{}", done.err);
     }
 }

@@ -17,40 +17,66 @@ from supertwin_client import Vehicle, message, parser
 
 
 class Events:
-    """Puts events into the order of their numbers, each once, and asks for those that are missing."""
+    """Puts events into the order of their numbers, each once, and asks for those that are missing.
 
-    def __init__(self, vehicle):
-        self.vehicle = vehicle
-        self.last = {}  # number of the last event that was handed on, by source
+    The subscriber below recovers what was lost on the way, but an event that arrives while it still waits for the
+    history makes it leave the history out. The service keeps its last events: they are asked for, again and again,
+    because after a cut the way there may take a moment to be found again.
+    """
 
-    def complete(self, sample):
-        """What to hand on now that `sample` has arrived: it, and before it what is missing."""
+    EVERY_S, QUESTIONS = 0.5, 20
+
+    def __init__(self, vehicle, arrived):
+        self.vehicle, self.arrived = vehicle, arrived
+        self.next = {}  # number of the event to hand on next, by source
+        self.early = {}  # events that came before their turn, by number, by source
+        self.asked = {}  # how often those before them were asked for, and when again, by source
+
+    def take(self, key, sample):
+        """What to hand on now that `sample` has arrived, with its key."""
         event = message(sample)
-        next_one = self.last.get(event["source"], 0) + 1
-        if event["seq"] < next_one:
-            return []  # History and recovery overlap.
-        events = {event["seq"]: event}
-        if event["seq"] > next_one:
-            # The subscriber below recovers what was lost on the way, but an event that arrives while it still waits
-            # for the history makes it leave the history out. The service keeps its last events: they are asked for.
-            # After a cut the way there may take a moment to be found again.
-            for _ in range(10):
-                replies = self.vehicle.session.get(
-                    f"{sample.key_expr}/@adv/**",
+        source, seq = event["source"], event["seq"]
+        early = self.early.setdefault(source, {})
+        if seq >= self.next.setdefault(source, 1):
+            early[seq] = key, event
+        ready = self.ready(source)
+        if not early:
+            self.asked.pop(source, None)
+        return ready
+
+    def ready(self, source):
+        events, early = [], self.early[source]
+        while (number := self.next[source]) in early:
+            events.append(early.pop(number))
+            self.next[source] += 1
+        return events
+
+    def look(self):
+        """Asks for what is missing, if it is time to. What has been asked for in vain is given up: what to hand on."""
+        events, now = [], time.monotonic()
+        for source, early in self.early.items():
+            times, due = self.asked.get(source, (0, now))
+            if not early or now < due:
+                continue
+            self.asked[source] = times + 1, now + self.EVERY_S
+            if times < self.QUESTIONS:
+                key, _ = next(iter(early.values()))
+                self.vehicle.session.get(
+                    self.vehicle.key(f"{key}/@adv/**"),
+                    lambda reply: reply.ok and self.arrived.put(reply.ok),
                     accept_replies=zenoh.ReplyKeyExpr.ANY,  # They come on the key of the events.
                     consolidation=zenoh.ConsolidationMode.NONE,  # All of them, not only the newest.
                     timeout=2.0,
                 )
-                for reply in replies:
-                    if reply.ok:
-                        kept = message(reply.ok)
-                        if kept["source"] == event["source"] and next_one <= kept["seq"]:
-                            events[kept["seq"]] = kept
-                if all(number in events for number in range(next_one, event["seq"])):
-                    break
-                time.sleep(0.2)
-        self.last[event["source"]] = max(events)
-        return [events[seq] for seq in sorted(events)]
+            else:
+                self.next[source] = min(early)
+                events += self.ready(source)
+                del self.asked[source]
+        return events
+
+    def due(self):
+        """When to look, if nothing arrives before."""
+        return min((self.asked[source][1] for source, early in self.early.items() if early), default=float("inf"))
 
 
 def main():
@@ -89,18 +115,19 @@ def main():
             else:
                 print(f"{key}: {json.dumps(body)[:100]}", flush=True)
 
-        in_order, states = Events(vehicle), {}
+        in_order, states, key = Events(vehicle, arrived), {}, ""
         end = time.monotonic() + (arguments.seconds or float("inf"))
         try:
             while time.monotonic() < end:
                 try:
-                    sample = arrived.get(timeout=0.2)
-                except queue.Empty:
-                    continue
-                key = str(sample.key_expr).removeprefix(vehicle.root + "/")
-                try:
+                    for key, event in in_order.look():
+                        show(key, event)
+                    until = min(end, in_order.due())
+                    left = None if until == float("inf") else max(0.0, until - time.monotonic())
+                    sample = arrived.get(timeout=left)
+                    key = str(sample.key_expr).removeprefix(vehicle.root + "/")
                     if key.startswith("event/"):
-                        for event in in_order.complete(sample):
+                        for key, event in in_order.take(key, sample):
                             show(key, event)
                     elif not key.startswith("state/"):
                         show(key, message(sample))
@@ -109,6 +136,8 @@ def main():
                         if states.get(key) != state:
                             states[key] = state
                             show(key, state)
+                except queue.Empty:
+                    continue
                 except (ValueError, KeyError, TypeError, RecursionError) as error:
                     # Anybody can write anything on a key; a monitor must not fall over it.
                     print(f"{key}: not understood: {error!r:.200}", file=sys.stderr)

@@ -9,6 +9,8 @@ Needs only `pip install eclipse-zenoh==1.10.2` and a twin that is up:
 
 import argparse
 import json
+import pathlib
+import queue
 import sys
 import time
 import uuid
@@ -18,6 +20,7 @@ import zenoh
 parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
 parser.add_argument("depth", type=float, metavar="DEPTH", help="metres below the surface")
 parser.add_argument("--connect", metavar="ENDPOINT", default="unixsock-stream//tmp/supertwin/router.sock")
+parser.add_argument("--credentials", metavar="DIR", help="for tls/...: the folder that supertwin pki issue made")
 parser.add_argument("--vehicle", metavar="NAME", default="argus-mini")
 parser.add_argument("--timeout", metavar="S", type=float, default=120.0, help="give up after this long")
 arguments = parser.parse_args()
@@ -36,6 +39,7 @@ def ask(session, key, body):
             said = reply.err.payload.to_string()
             if said != "Timeout":
                 sys.exit(f"{key}: {json.loads(said)['reason']}")
+        # When nobody is there to be asked, the question comes back at once.
         time.sleep(0.1)
     sys.exit(f"{key}: no answer; is the vehicle up?")
 
@@ -47,15 +51,19 @@ def main():
         "connect": {"endpoints": [arguments.connect], "timeout_ms": 3000, "exit_on_failure": True},
         "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
     }
+    if arguments.credentials:
+        folder = pathlib.Path(arguments.credentials).resolve()
+        [key] = folder.glob("*.key")
+        tls = {"root_ca_certificate": str(folder / "ca.pem"), "enable_mtls": True, "close_link_on_expiration": True}
+        tls |= {"connect_certificate": str(key.with_suffix(".pem")), "connect_private_key": str(key)}
+        config["transport"] = {"link": {"tls": tls}}
     try:
         session = zenoh.open(zenoh.Config.from_json5(json.dumps(config)))
     except zenoh.ZError as error:
         sys.exit(f"{arguments.connect}: {error}")
-    with session:
-        # The newest estimate of the vehicle's state; older ones are of no use.
-        nav = session.declare_subscriber(
-            f"supertwin/{arguments.vehicle}/estimator/nav", zenoh.handlers.RingChannel(1)
-        )
+    # Estimates of the vehicle's state, as they come.
+    estimates = queue.SimpleQueue()
+    with session, session.declare_subscriber(f"supertwin/{arguments.vehicle}/estimator/nav", estimates.put):
         # One client commands at a time. The token proves that it is us.
         lease = {"client": CLIENT, "action": "acquire", "for_s": LEASE_S, "token": uuid.uuid4().hex}
         ask(session, "authority/lease", lease)
@@ -66,20 +74,20 @@ def main():
             print(f"accepted: {arguments.depth} m from tick {done['apply_tick']} on", flush=True)
 
             give_up, renew = time.monotonic() + arguments.timeout, time.monotonic() + LEASE_S / 3
-            while time.monotonic() < give_up:
-                sample = nav.try_recv()
-                if sample is None:
-                    time.sleep(0.02)
-                else:
-                    message = json.loads(sample.payload.to_bytes())
-                    # Estimates from before the order say nothing about it.
-                    if message["tick"] > done["apply_tick"] and abs(message["data"]["depth_m"] - arguments.depth) < 0.2:
-                        print(f"reached: {message['data']['depth_m']:.2f} m at tick {message['tick']}")
-                        return 0
-                if time.monotonic() > renew:
+            while (now := time.monotonic()) < give_up:
+                if now > renew:
                     # A lease that runs out means that the operator is lost: the vehicle would stop and hold.
                     ask(session, "authority/lease", {**lease, "action": "renew"})
-                    renew = time.monotonic() + LEASE_S / 3
+                    renew = now + LEASE_S / 3
+                try:
+                    sample = estimates.get(timeout=min(renew, give_up) - now)
+                except queue.Empty:
+                    continue
+                message = json.loads(sample.payload.to_bytes())
+                # Estimates from before the order say nothing about it.
+                if message["tick"] > done["apply_tick"] and abs(message["data"]["depth_m"] - arguments.depth) < 0.2:
+                    print(f"reached: {message['data']['depth_m']:.2f} m at tick {message['tick']}")
+                    return 0
             print(f"not reached within {arguments.timeout:.0f} s", file=sys.stderr)
             return 1
         finally:

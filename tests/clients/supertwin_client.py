@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import pathlib
 import sys
 import threading
 import time
@@ -15,8 +16,22 @@ def parser(description):
     raw = argparse.RawDescriptionHelpFormatter
     made = argparse.ArgumentParser(description=description, formatter_class=raw)
     made.add_argument("--connect", metavar="ENDPOINT", default="unixsock-stream//tmp/supertwin/router.sock")
+    made.add_argument("--credentials", metavar="DIR", help="for tls/...: the folder that supertwin pki issue made")
     made.add_argument("--vehicle", metavar="NAME", default="argus-mini")
     return made
+
+
+def tls(folder):
+    """Settings for TLS with the certificate and the key in a folder."""
+    folder = pathlib.Path(folder).resolve()
+    [key] = folder.glob("*.key")
+    return {
+        "enable_mtls": True,
+        "root_ca_certificate": str(folder / "ca.pem"),
+        "connect_certificate": str(key.with_suffix(".pem")),
+        "connect_private_key": str(key),
+        "close_link_on_expiration": True,
+    }
 
 
 class Refused(Exception):
@@ -38,6 +53,8 @@ class Vehicle:
             },
             "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
         }
+        if arguments.credentials:
+            config["transport"] = {"link": {"tls": tls(arguments.credentials)}}
         try:
             self.session = zenoh.open(zenoh.Config.from_json5(json.dumps(config)))
         except zenoh.ZError as error:
@@ -69,6 +86,7 @@ class Vehicle:
                 said = reply.err.payload.to_string()
                 if said != "Timeout":
                     raise Refused(f"{relative}: {json.loads(said).get('reason', said)}")
+            # When nobody is there to be asked, the question comes back at once.
             time.sleep(0.1)
         raise Refused(f"{relative}: no answer; is the vehicle up?")
 

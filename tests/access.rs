@@ -1,0 +1,520 @@
+//! Who may do what, over real TLS: each role tries each verb on each key, and finds exactly the documented matrix. Who has
+//! no business here gets nowhere and leaves a trace.
+
+mod support;
+
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+use supertwin_zenoh::access::probe::{Seen, Witness};
+use supertwin_zenoh::access::{self, COLUMNS, Row, Verb};
+use supertwin_zenoh::authority::LeaseAction;
+use supertwin_zenoh::pki::{Authority, DAY, Request};
+use supertwin_zenoh::role::{Role, Scope};
+use supertwin_zenoh::{Clock, Link, Session, SystemClock, keys};
+use support::{CONFIG, LIMIT, Listener, Place, Process, SERVICES, following, listening};
+
+const ROV: &str = "rov";
+
+/// A fleet's authority, and a locked router of a vehicle.
+struct Locked {
+    place: Place,
+    authority: Authority,
+    clock: SystemClock,
+    router: Process,
+    tls: String,
+}
+
+impl Locked {
+    fn start() -> Self {
+        Self::of(ROV)
+    }
+
+    fn of(vehicle: &str) -> Self {
+        let (place, clock) = (Place::new(), SystemClock::start());
+        let authority = Authority::init(&place.path().join("pki"), "fleet", DAY, &clock).expect("a new folder");
+        let (router, tls) = router(&place, &authority, vehicle, &clock);
+        Self { place, authority, clock, router, tls }
+    }
+
+    /// Credentials of a role for the vehicle.
+    fn issue(&self, role: Role) -> PathBuf {
+        self.issue_for(role, Scope::Vehicle(ROV.to_owned()), role.name())
+    }
+
+    fn issue_for(&self, role: Role, scope: Scope, holder: &str) -> PathBuf {
+        let folder = self.authority.folder().join(holder);
+        if !folder.exists() {
+            let request = Request::new(role, scope, holder);
+            let request = if role.listens() { request.at(&["localhost", "127.0.0.1"]) } else { request };
+            self.authority.issue(&request, &self.clock).expect("is legal");
+        }
+        folder
+    }
+
+    fn session(&self, role: Role) -> Session {
+        self.join(&self.issue(role)).expect("is let in")
+    }
+
+    fn join(&self, credentials: &Path) -> Result<Session, String> {
+        join(&self.tls, credentials)
+    }
+
+    /// A session with full access.
+    fn local(&self) -> Session {
+        let link = Link { connect: vec![self.place.socket.clone()], patience_ms: 20_000, ..Link::default() };
+        link.open().expect("the router is there")
+    }
+
+    fn witness(&self) -> Witness {
+        Witness::open(&self.local(), ROV).expect("may see everything")
+    }
+}
+
+fn join(endpoint: &str, credentials: &Path) -> Result<Session, String> {
+    let link = Link {
+        connect: vec![endpoint.to_owned()],
+        credentials: Some(credentials.to_owned()),
+        patience_ms: 20_000,
+        ..Link::default()
+    };
+    link.open().map_err(|error| error.to_string())
+}
+
+/// A locked router, from a file as users write it.
+fn router(place: &Place, authority: &Authority, vehicle: &str, clock: &SystemClock) -> (Process, String) {
+    let holder = format!("{vehicle}-router");
+    let request =
+        Request::new(Role::Vehicle, Scope::Vehicle(vehicle.to_owned()), &holder).at(&["localhost", "127.0.0.1"]);
+    authority.issue(&request, clock).expect("is legal");
+    let (credentials, file) = (authority.folder().join(&holder), place.path().join(format!("{holder}.json5")));
+    let (credentials, file) = (credentials.display().to_string(), file.display().to_string());
+    let words = ["zenoh-config", "vehicle", "--vehicle", vehicle, "--credentials", &credentials, "--out", &file];
+    place.call(&[&words[..], &["--listen", &place.socket, "--listen", "tls/127.0.0.1:0"]].concat()).well();
+    let process = place.start(&["serve", "router", "--json", "--zenoh", &file]);
+    let said = process.json();
+    assert!(said["access_rules"].as_str().is_some_and(|hash| hash.len() == 16), "{said}");
+    (process, listening(&said, "tls"))
+}
+
+/// Until the router has said something on standard error, after so many lines; what.
+fn trace(router: &Process, after: usize, what: &str) -> String {
+    let clock = SystemClock::start();
+    let deadline = clock.now() + LIMIT;
+    loop {
+        if let Some(line) = router.errors().lines().skip(after).find(|line| line.contains(what)) {
+            return line.to_owned();
+        }
+        assert!(clock.now() < deadline, "no trace of {what}: {}", router.errors());
+        std::thread::yield_now();
+    }
+}
+
+#[test]
+fn each_role_can_do_exactly_what_the_matrix_says() {
+    let locked = Locked::start();
+    let mut witness = locked.witness();
+    let (mut differences, mut tried) = (Vec::new(), 0);
+    for role in COLUMNS {
+        let subject = locked.session(role);
+        assert!(witness.settle(&subject, || Ok(())).expect("sessions live"), "{role} may ask for states");
+        for row in access::matrix() {
+            for verb in Verb::ALL {
+                let seen = witness.attempt(&subject, &row, verb, row.allows(role, verb)).expect("sessions live");
+                tried += 1;
+                if !seen.is_expected(row.allows(role, verb)) {
+                    differences.push(format!("{role} {verb} {}: {seen:?}", row.example(witness.mark())));
+                }
+            }
+        }
+    }
+    assert!(differences.is_empty(), "{} of {tried}: {differences:#?}", differences.len());
+    assert!(tried > 1000, "{tried}");
+}
+
+/// Zenoh itself, without the checks that our own programs make of their credentials first.
+fn raw(endpoint: &str, tls: &Value) -> Result<zenoh::Session, String> {
+    use zenoh::Wait;
+    let settings = json!({
+        "mode": "client",
+        "connect": { "endpoints": [endpoint], "timeout_ms": 0, "exit_on_failure": true },
+        "scouting": { "multicast": { "enabled": false } },
+        "transport": { "link": { "tls": tls } },
+    });
+    let config = zenoh::Config::from_json5(&settings.to_string()).expect("legal");
+    zenoh::open(config).wait().map_err(|error| error.to_string())
+}
+
+/// A clock that is wrong.
+struct Wrong(SystemClock, Duration);
+
+impl Clock for Wrong {
+    fn now(&self) -> Duration {
+        self.0.now()
+    }
+    fn unix_ns(&self) -> u64 {
+        self.0.unix_ns() - self.1.as_nanos() as u64
+    }
+}
+
+/// A certificate that nobody but its holder has signed.
+fn self_signed(folder: &Path, name: &str) -> (PathBuf, PathBuf) {
+    let mut wanted = rcgen::CertificateParams::default();
+    wanted.distinguished_name = rcgen::DistinguishedName::new();
+    wanted.distinguished_name.push(rcgen::DnType::CommonName, name);
+    let key = rcgen::KeyPair::generate().expect("a key");
+    let made = wanted.self_signed(&key).expect("is signed");
+    let (certificate, key_file) = (folder.join("stolen.pem"), folder.join("stolen.key"));
+    std::fs::write(&certificate, made.pem()).expect("is written");
+    std::fs::write(&key_file, key.serialize_pem()).expect("is written");
+    (certificate, key_file)
+}
+
+#[test]
+fn who_has_no_certificate_of_the_fleet_gets_no_word_in_and_leaves_a_trace() {
+    let locked = Locked::start();
+    let ca = locked.authority.folder().join("ca.pem");
+    let other_fleet = Authority::init(&locked.place.path().join("other"), "other", DAY, &locked.clock).expect("new");
+    let request = || Request::new(Role::Operator, Scope::Vehicle(ROV.to_owned()), "eve");
+    let foreign = other_fleet.issue(&request(), &locked.clock).expect("is legal");
+    let past = Wrong(SystemClock::start(), DAY / 2);
+    let expired = locked.authority.issue(&request().during(Duration::from_secs(3600)), &past).expect("is legal");
+    let (stolen, stolen_key) = self_signed(locked.place.path(), "operator.rov");
+    let with = |certificate: &Path, key: &Path| {
+        json!({
+            "root_ca_certificate": ca, "enable_mtls": true, "connect_certificate": certificate,
+            "connect_private_key": key,
+        })
+    };
+    for (what, tls, trace_of) in [
+        ("no certificate", json!({ "root_ca_certificate": ca }), "peer sent no certificates"),
+        ("another fleet's", with(&foreign.certificate, &foreign.key), "invalid peer certificate: UnknownIssuer"),
+        ("an expired one", with(&expired.certificate, &expired.key), "invalid peer certificate: certificate expired"),
+        ("a stolen name", with(&stolen, &stolen_key), "invalid peer certificate"),
+    ] {
+        let before = locked.router.errors().lines().count();
+        let session = raw(&locked.tls, &tls);
+        assert!(session.is_err(), "{what}: was let in");
+        let line = trace(&locked.router, before, trace_of);
+        assert!(line.starts_with("refused: a connection was refused"), "{what}: {line}");
+    }
+    // The door is no worse for it.
+    assert!(locked.witness().settle(&locked.session(Role::Observer), || Ok(())).expect("sessions live"));
+}
+
+#[test]
+fn a_certificate_counts_for_its_vehicle_alone_and_a_fleets_for_all() {
+    let locked = Locked::start();
+    let mut witness = locked.witness();
+    let other = locked.issue_for(Role::Operator, Scope::Vehicle("nautilus".to_owned()), "pilot");
+    let guest = locked.join(&other).expect("is of the fleet");
+    assert!(!witness.settle(&guest, || Ok(())).expect("sessions live"), "another vehicle's operator may not even ask");
+    for row in access::matrix() {
+        for verb in Verb::ALL {
+            let seen = witness.attempt(&guest, &row, verb, false).expect("sessions live");
+            assert_eq!(seen, Seen::Nothing, "{verb} {:?}", row.keys);
+        }
+    }
+    trace(&locked.router, 0, "has no role here and may do nothing");
+    let fleet = locked.join(&locked.issue_for(Role::Operator, Scope::Fleet, "anna")).expect("is of the fleet");
+    let lease = row(keys::LEASE);
+    assert_eq!(witness.attempt(&fleet, &lease, Verb::Get, true).expect("sessions live"), Seen::All);
+    assert_eq!(witness.attempt(&fleet, &lease, Verb::Queryable, false).expect("sessions live"), Seen::Nothing);
+    // Nobody reaches over to another vehicle, whatever he may do here, not even the vehicle's own.
+    let own = locked.session(Role::Vehicle);
+    for subject in [&fleet, &own] {
+        for verb in [Verb::Put, Verb::Subscribe, Verb::Get, Verb::Queryable, Verb::Liveliness, Verb::Delete] {
+            let key = "supertwin/nautilus/estimator/nav";
+            assert_eq!(witness.attempt_on(subject, key, false, verb).expect("sessions live"), Seen::Nothing, "{verb}");
+        }
+    }
+}
+
+fn row(key: &str) -> Row {
+    let is = |row: &Row| row.keys.iter().any(|other| other == key);
+    access::matrix().into_iter().find(is).unwrap_or_else(|| panic!("no row for {key}"))
+}
+
+#[test]
+fn what_somebody_may_not_is_told_with_his_name_and_honest_clients_cause_no_such_line() {
+    let locked = Locked::start();
+    let mut witness = locked.witness();
+    let listener = Listener::open(&locked.place.socket, ROV).events();
+    for role in [Role::Guidance, Role::Operator, Role::Observer, Role::Recorder] {
+        let subject = locked.session(role);
+        for row in access::matrix() {
+            for verb in Verb::ALL.into_iter().filter(|verb| row.allows(role, *verb)) {
+                let seen = witness.attempt(&subject, &row, verb, true).expect("sessions live");
+                assert_eq!(seen, Seen::All, "{role} {verb} {:?}", row.keys);
+            }
+        }
+    }
+    let observer = locked.session(Role::Observer);
+    let lease = row(keys::LEASE);
+    assert_eq!(witness.attempt(&observer, &lease, Verb::Get, false).expect("sessions live"), Seen::Nothing);
+    let told = trace(&locked.router, 0, "may not");
+    assert!(told.contains("refused: observer.rov (session ") && told.contains("may not query on"), "{told}");
+    let first = locked.router.errors().lines().find(|line| line.starts_with("refused")).map(str::to_owned);
+    assert_eq!(first, Some(told.clone()), "what was allowed was not refused");
+    let text = told.trim_start_matches("refused: ");
+    listener.until("the event of the router", |key, value| key == "event/router" && value["data"]["text"] == *text);
+    trace(&locked.router, 0, "observer.rov has come from 127.0.0.1:");
+}
+
+#[test]
+fn a_router_that_everybody_could_reach_does_not_start_unless_told_so() {
+    let place = Place::new();
+    let ended = place.call(&["serve", "router", "--listen", "tcp/0.0.0.0:0"]);
+    assert_eq!(ended.code, Some(2), "{ended:?}");
+    let says = ["listens on tcp/0.0.0.0:0, beyond loopback and without TLS", "zenoh-config", "--open-to-everyone"];
+    assert!(says.iter().all(|words| ended.err.contains(words)), "{}", ended.err);
+    let ended = place.call(&["up", "--listen", "tcp/0.0.0.0:0"]);
+    assert_eq!(ended.code, Some(2), "{ended:?}");
+    let mut told = place.start(&["serve", "router", "--json", "--listen", "tcp/0.0.0.0:0", "--open-to-everyone"]);
+    assert!(told.json()["access_rules"].is_null(), "it says that it has none");
+    told.signal("INT");
+    let ended = told.finish();
+    assert!(ended.err.contains("warning: listens on tcp/0.0.0.0:0"), "{}", ended.err);
+
+    // TLS alone is not enough: whoever has a certificate could do everything.
+    let clock = SystemClock::start();
+    let authority = Authority::init(&place.path().join("pki"), "fleet", DAY, &clock).expect("new");
+    let request = Request::new(Role::Vehicle, Scope::Fleet, "v").at(&["localhost"]);
+    authority.issue(&request, &clock).expect("is legal");
+    let credentials = authority.folder().join("v").display().to_string();
+    let ended = place.call(&["serve", "router", "--listen", "tls/0.0.0.0:0", "--credentials", &credentials]);
+    assert_eq!(ended.code, Some(2), "{ended:?}");
+    assert!(ended.err.contains("without access control that denies by default"), "{}", ended.err);
+}
+
+#[test]
+fn the_shipped_examples_are_what_is_written() {
+    let (place, mut compared) = (Place::new(), 0);
+    for role in Role::ALL {
+        let shipped = Path::new(CONFIG).join(format!("zenoh/locked-{role}.json5"));
+        let mut words = vec!["zenoh-config", role.name(), "--vehicle", "argus-mini"];
+        if role != Role::Vehicle {
+            words.extend(["--connect", "tls/192.168.2.2:7447"]);
+        }
+        let written = place.call(&words).well().out;
+        let shipped =
+            std::fs::read_to_string(&shipped).unwrap_or_else(|error| panic!("{}: {error}", shipped.display()));
+        assert_eq!(shipped, written, "write it again: supertwin {}", words.join(" "));
+        compared += 1;
+    }
+    assert_eq!(compared, 5);
+}
+
+#[test]
+fn files_are_not_replaced_and_credentials_of_another_are_not_taken() {
+    let (place, clock) = (Place::new(), SystemClock::start());
+    let authority = Authority::init(&place.path().join("pki"), "fleet", DAY, &clock).expect("new");
+    authority.issue(&Request::new(Role::Observer, Scope::Vehicle(ROV.to_owned()), "eva"), &clock).expect("is legal");
+    let call = |words: &[&str]| place.call(&[&["zenoh-config"], words].concat());
+    let write = ["observer", "--vehicle", ROV, "--credentials", "pki/eva", "--out", "x.json5"];
+    call(&write).well();
+    let text = std::fs::read_to_string(place.path().join("x.json5")).expect("is written");
+    assert!(text.contains(&place.path().join("pki/eva/eva.key").display().to_string()), "absolute paths: {text}");
+    let again = call(&write);
+    assert!(again.code == Some(2) && again.err.contains("x.json5: exists already; use --force"), "{again:?}");
+    assert_eq!(call(&[&write[..], &["--force", "--json"]].concat()).well().json()["role"], "observer");
+    for (words, says) in [
+        (&["operator", "--vehicle", ROV, "--credentials", "pki/eva"][..], "is observer.rov: must be operator.rov or"),
+        (&["observer", "--vehicle", "nautilus", "--credentials", "pki/eva"], "must be observer.nautilus or"),
+        (&["observer", "--vehicle", "a/b"], "--vehicle a/b: must be 1 to 64 letters"),
+        (&["observer", "--vehicle", ROV, "--listen", "tls/0.0.0.0:1"], "nobody connects to observer"),
+        (&["vehicle", "--vehicle", ROV, "--connect", "tls/a:1"], "the vehicle's router listens"),
+        (&["observer", "--vehicle", ROV, "--connect", "tcp/a:1"], "must be tls/HOST:PORT"),
+        (&["pilot", "--vehicle", ROV], "pilot: no such role"),
+    ] {
+        let ended = call(words);
+        assert!(ended.code == Some(2) && ended.err.contains(says), "{words:?}: {ended:?}");
+    }
+}
+
+#[test]
+fn the_matrix_is_printed_for_people_for_documentation_and_for_programs() {
+    let place = Place::new();
+    let json = place.call(&["zenoh-config", "--matrix", "--json"]).well().json();
+    let rows = json["rows"].as_array().expect("rows");
+    assert_eq!(rows.len(), access::matrix().len());
+    let markdown = place.call(&["zenoh-config", "--matrix", "--markdown"]).well().out;
+    assert_eq!(markdown.lines().count(), rows.len() + 2);
+    let text = place.call(&["zenoh-config", "--matrix"]).well().out;
+    for row in rows {
+        for key in row["keys"].as_array().expect("keys") {
+            let key = key.as_str().expect("a key");
+            assert!(markdown.contains(&format!("`{key}`")) && text.contains(key), "{key}");
+        }
+    }
+    let documented = std::fs::read_to_string(Path::new(CONFIG).join("zenoh/access.md")).expect("is shipped");
+    assert!(documented.ends_with(&markdown), "config/zenoh/access.md: supertwin zenoh-config --matrix --markdown");
+}
+
+// ------------------------------------------------------------------------------------------------ a viewer that attacks
+
+/// A vehicle that follows the net behind a locked router, four times as fast as real: a second has 200 laps.
+struct Vehicle {
+    locked: Locked,
+    beside: Listener,
+    _services: Vec<Process>,
+}
+
+impl Vehicle {
+    fn start() -> Self {
+        let locked = Locked::start();
+        let trial = following(locked.place.path());
+        let serve = |service: &str| {
+            let words = ["serve", service, "--json", "--vehicle", ROV, "--trial", &trial, "--rtf", "2"];
+            locked.place.start(&[&words[..], &["--connect", &locked.place.socket]].concat())
+        };
+        let services: Vec<Process> = ["estimator", "guidance", "controller", "plant"].map(serve).into();
+        let beside = Listener::open(&locked.place.socket, ROV).listen("health/plant").listen("telemetry/controller");
+        let vehicle = Self { locked, beside, _services: services };
+        vehicle.beside.until("the vehicle to be under control", |key, value| {
+            key == "telemetry/controller" && value["data"]["signals"]["controller/status"] == "tracking"
+        });
+        vehicle
+    }
+
+    /// The plant's account after so many more of them; the times of its last 512 laps, five seconds, are then nearly all of the
+    /// meantime.
+    fn health(&self, after: usize) -> Value {
+        let mut left = after;
+        let wanted = |key: &str, _: &Value| {
+            left -= usize::from(key == "health/plant");
+            left == 0
+        };
+        self.beside.until("the plant's health", wanted).0
+    }
+}
+
+/// Something done over and over by a thread until it is dropped.
+struct Attack {
+    stop: Arc<AtomicBool>,
+    thread: Option<std::thread::JoinHandle<u64>>,
+}
+
+impl Attack {
+    fn begin(mut once: impl FnMut(u64) + Send + 'static) -> Self {
+        let stop = Arc::new(AtomicBool::new(false));
+        let flag = Arc::clone(&stop);
+        let thread = std::thread::spawn(move || {
+            let mut times = 0;
+            while !flag.load(Ordering::Relaxed) {
+                once(times);
+                times += 1;
+            }
+            times
+        });
+        Self { stop, thread: Some(thread) }
+    }
+
+    /// How often it was done.
+    fn end(mut self) -> u64 {
+        self.stop.store(true, Ordering::Relaxed);
+        self.thread.take().map_or(0, |thread| thread.join().expect("no panic"))
+    }
+}
+
+type Once = Box<dyn FnMut(u64) + Send>;
+
+/// What a viewer may think of. Each has a session of its own.
+fn floods(vehicle: &Vehicle) -> Vec<(&'static str, Vec<Session>, Once)> {
+    use zenoh::Wait;
+    let key = |key: &str| format!("{}/{key}", keys::namespace(ROV));
+    let session = || vehicle.locked.session(Role::Observer);
+    let put = |on: &str, size: usize| -> (Vec<Session>, Once) {
+        let (session, key, payload) = (session(), key(on), vec![b'x'; size]);
+        (vec![session.clone()], Box::new(move |_| session.put(key.clone(), payload.clone()).wait().expect("lives")))
+    };
+    let ask = |on: &str| -> (Vec<Session>, Once) {
+        let (session, key) = (session(), key(on));
+        let unread = || zenoh::handlers::RingChannel::new(1);
+        (vec![session.clone()], Box::new(move |_| drop(session.get(key.clone()).with(unread()).wait().expect("lives"))))
+    };
+    let churn = || -> (Vec<Session>, Once) {
+        let (session, root) = (session(), key("event"));
+        let once = move |i: u64| {
+            drop(session.declare_subscriber(format!("{root}/{}", i % 1000)).callback(drop).wait().expect("lives"));
+            drop(session.declare_queryable(format!("{root}/{}", i % 1000)).callback(drop).wait().expect("lives"));
+            drop(session.liveliness().declare_token(format!("{root}/{}", i % 1000)).wait().expect("lives"));
+        };
+        (vec![], Box::new(once))
+    };
+    let unread = || -> (Vec<Session>, Once) {
+        use zenoh::query::{ConsolidationMode, ReplyKeyExpr};
+        let (session, key, mut kept) = (session(), key("event/*/@adv/**"), Vec::new());
+        let once = move |_: u64| {
+            if kept.len() < 1000 {
+                // Nobody reads, so that the whole link stands still: the answers wait at the router.
+                let get =
+                    session.get(key.clone()).accept_replies(ReplyKeyExpr::Any).consolidation(ConsolidationMode::None);
+                kept.push(get.with(zenoh::handlers::FifoChannel::new(1)).wait().expect("lives"));
+            }
+            std::thread::yield_now();
+        };
+        (vec![], Box::new(once))
+    };
+    let named = |name, (sessions, once): (Vec<Session>, Once)| (name, sessions, once);
+    vec![
+        named("navigation, as fast as it goes", put("estimator/nav", 200)),
+        named("messages of 900 kB", put("guidance/reference", 900_000)),
+        named("commands, as fast as it goes", ask("command/controller/neutral")),
+        named("questions for states, answers unread", ask("state/**")),
+        named("questions for histories, answers unread", ask("event/*/@adv/**")),
+        named("subscribers, queryables, tokens", churn()),
+        named("histories, and a link that nobody reads", unread()),
+    ]
+}
+
+#[test]
+fn a_viewer_can_neither_steer_nor_blind_nor_exhaust_a_vehicle() {
+    let vehicle = Vehicle::start();
+    let clock = SystemClock::start();
+    let operator = vehicle.locked.session(Role::Operator);
+    let mut anna = supertwin_zenoh::Client::new(operator, ROV, "anna", Arc::new(clock));
+    anna.acquire(60.0).expect("nobody else has it");
+    let mut seen = vehicle.locked.witness();
+    let us = |health: &Value| [0, 1, 2].map(|i| health["loop_us"][i].as_f64().expect("a number"));
+    let (mut report, quiet) = (Vec::new(), us(&vehicle.health(4)));
+    let mut add = |what: &str, loop_us: [f64; 3], per_s: f64| {
+        report.push(json!({ "what": what, "loop_us": loop_us, "per_s": per_s.round() }));
+    };
+    add("undisturbed", quiet, 0.0);
+    for (what, _sessions, once) in floods(&vehicle) {
+        let (before, began) = (vehicle.health(1), clock.now());
+        let attack = Attack::begin(once);
+        let after = vehicle.health(4);
+        // He who may command is obeyed meanwhile, and so is a cry for help; and the vehicle has not stood still.
+        anna.lease(LeaseAction::Renew, 60.0).unwrap_or_else(|error| panic!("{what}: {error}"));
+        let set = anna.command("guidance", "depth_m", json!(4.0), None);
+        set.unwrap_or_else(|error| panic!("{what}: {error}"));
+        let took_s = (clock.now() - began).as_secs_f64();
+        add(what, us(&after), attack.end() as f64 / took_s);
+        let steps = |health: &Value| health["steps"].as_u64().expect("a count");
+        assert!(steps(&after) > steps(&before) + 100, "{what}: {before} {after}");
+    }
+    // Nothing of it came anywhere: what only the viewer would have sent was neither taken nor refused, for nobody saw it.
+    let top = vehicle.locked.place.call(&["top", "--json", "--connect", &vehicle.locked.place.socket]).well().json();
+    let lines = top["services"].as_array().expect("services");
+    for service in SERVICES {
+        let line = lines.iter().find(|line| line["service"] == service).expect("is up");
+        for (wire, account) in line["health"]["inputs"].as_object().expect("inputs") {
+            assert_eq!((&account["rejected"], &account["rivals"]), (&json!(0), &json!(0)), "{service} {wire}");
+        }
+    }
+    let observer = vehicle.locked.session(Role::Observer);
+    for (key, verb) in [("estimator/nav", Verb::Put), ("alive/operator/anna", Verb::Liveliness)] {
+        let full = format!("{}/{key}", keys::namespace(ROV));
+        let attempt = seen.attempt_on(&observer, &full, key.starts_with("alive"), verb).expect("sessions live");
+        assert_eq!(attempt, Seen::Nothing, "{verb} {key}");
+    }
+    let held = anna.lease(LeaseAction::Status, 0.0).expect("the keeper answers");
+    assert_eq!(held.holder.as_deref(), Some("anna"));
+    // For whoever wants the numbers of this machine.
+    let file = Path::new(env!("CARGO_TARGET_TMPDIR")).join("loop-under-attack.json");
+    std::fs::write(file, serde_json::to_string_pretty(&report).expect("JSON")).expect("is written");
+}

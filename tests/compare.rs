@@ -1,0 +1,517 @@
+//! What a user does with several runs: which one is better, by how much, how sure is that, and does it pass.
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
+#[path = "support/python.rs"]
+mod python;
+mod support;
+
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+use supertwin_core::run::Properties;
+use supertwin_core::{Event, Probe, RunHeader, RunSink, Signal, SinkError, Tick};
+use supertwin_lab::statistics::{RESAMPLES, bootstrap_interval, mean, quantile, sign_test, standard_deviation};
+use supertwin_lab::{Library, trial};
+use supertwin_rerun::table::{Column, Table};
+use supertwin_rerun::{Options, RerunSink};
+use support::{CONFIG, Place, following};
+
+/// Records seeds of trials for 23 s, of which the last six are scored.
+fn record(place: &Place, out: &str, trials: &[&str], seeds: u64, more: &[&str]) -> Value {
+    let seeds = seeds.to_string();
+    let words =
+        ["--out", out, "--seeds", &seeds, "--json", "--set", "trial.duration_s=23", "--set", "trial.score.from_s=17"];
+    place.call(&[&["run"], trials, &words, more].concat()).well().json()
+}
+
+fn compared(place: &Place, arguments: &[&str]) -> Value {
+    place.call(&[&["compare", "--json"], arguments].concat()).well().json()
+}
+
+fn group<'a>(comparison: &'a Value, name: &str) -> &'a Value {
+    let groups = comparison["groups"].as_array().unwrap();
+    groups.iter().find(|group| group["name"] == name).unwrap_or_else(|| panic!("no {name}: {comparison:#}"))
+}
+
+fn row<'a>(comparison: &'a Value, name: &str, metric: &str) -> &'a Value {
+    let rows = group(comparison, name)["metrics"].as_array().unwrap();
+    rows.iter().find(|row| row["metric"] == metric).unwrap()
+}
+
+/// What is wrong with a file, by its name.
+fn reasons(comparison: &Value) -> BTreeMap<String, String> {
+    let unusable = comparison["unusable"].as_array().unwrap().iter();
+    let name = |file: &Value| Path::new(file.as_str().unwrap()).file_name().unwrap().to_str().unwrap().to_owned();
+    unusable.map(|one| (name(&one["file"]), one["reason"].as_str().unwrap().to_owned())).collect()
+}
+
+#[test]
+fn three_trials_of_several_seeds_make_the_papers_table_with_verdicts() {
+    let place = Place::new();
+    let ran = record(&place, "runs", &["paper-gsta", "paper-agsta", "paper-pid"], 5, &[]);
+    let comparison = compared(&place, &["runs", "--baseline", "runs/paper-gsta-seed3.rrd"]);
+    assert_eq!((&comparison["baseline"], &comparison["align"]), (&"paper-gsta".into(), &"start".into()));
+    let windows = comparison["runs"].as_array().unwrap().iter().map(|run| &run["window"]);
+    assert!(windows.clone().count() == 15 && windows.eq([&json!({ "from_s": 17.0, "to_s": 23.0 }); 15]));
+    assert_eq!(comparison["unusable"], json!([]));
+    for name in ["paper-gsta", "paper-agsta", "paper-pid"] {
+        assert_eq!(group(&comparison, name)["seeds"], json!([1, 2, 3, 4, 5]));
+        // The numbers are those of the runs, to the last bit.
+        let scores: Vec<f64> = ran["runs"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .filter(|run| run["trial"] == name)
+            .map(|run| run["scores"]["measured"]["sway_m_per_s"].as_f64().unwrap())
+            .collect();
+        let values: Vec<f64> = comparison["runs"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .filter(|run| run["group"] == name)
+            .map(|run| run["values"]["measured.sway_m_per_s"].as_f64().unwrap())
+            .collect();
+        assert_eq!((scores.len(), &scores), (5, &values), "{name}");
+        let summary = &row(&comparison, name, "measured.sway_m_per_s")["summary"];
+        assert_eq!(summary["mean"].as_f64(), Some(mean(&scores)));
+        assert_eq!(summary["standard_deviation"].as_f64(), standard_deviation(&scores));
+    }
+    let sway = row(&comparison, "paper-agsta", "measured.sway_m_per_s");
+    assert_eq!(sway["paper"], 0.046);
+    let difference = &sway["difference"];
+    assert_eq!(difference["seeds"], 5);
+    let [low, middle, high] = [&difference["interval"]["low"], &difference["mean"], &difference["interval"]["high"]]
+        .map(|value| value.as_f64().unwrap());
+    assert!(low <= middle && middle <= high && sway["verdict"].as_str().unwrap().contains(" m/s ["), "{sway}");
+    assert_eq!(row(&comparison, "paper-gsta", "measured.sway_m_per_s")["difference"], Value::Null);
+    let changes: Vec<&str> = group(&comparison, "paper-agsta")["changes"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|change| change["path"].as_str().unwrap())
+        .collect();
+    assert!(changes.contains(&"controller.law.gsta") && changes.contains(&"controller.law.agsta"), "{changes:?}");
+    assert!(changes.iter().all(|path| !path.contains("seed") && !path.contains("description")), "{changes:?}");
+
+    let comparison_of_all = compared(&place, &["runs"]);
+
+    // The same for people.
+    let text = place.call(&["compare", "runs"]).well().out;
+    for words in [
+        "15 runs, 3 groups, held against paper-agsta; 17.00 to 23.00 s from the start.",
+        "paper-pid against paper-agsta",
+        "paper IV",
+        "of 5 seeds, difference ",
+        "Configured otherwise",
+        "controller.law.agsta: ",
+        "would miss zero by chance alone",
+        "Of the metrics here: better in ",
+        "and not the same task (trial.mission",
+    ] {
+        assert!(text.contains(words), "no {words:?} in:\n{text}");
+    }
+    let markdown = place.call(&["compare", "runs", "--markdown"]).well().out;
+    assert!(markdown.contains("## paper-pid against paper-agsta") && !markdown.contains('│'), "{markdown}");
+    assert!(markdown.lines().filter(|line| line.starts_with("| ")).count() > 60, "{markdown}");
+
+    // A picture: all runs in one recording, which is no run itself.
+    let drawn = place.call(&["compare", "runs", "--out", "runs/all.rrd"]).well();
+    assert!(drawn.err.contains("runs/all.rrd: 15 runs, "), "{drawn:?}");
+    let error = supertwin_rerun::read(&place.path().join("runs/all.rrd")).unwrap_err().to_string();
+    assert!(error.contains("a comparison, not a recording of a run"), "{error}");
+    let again = place.call(&["compare", "runs", "--json"]).well();
+    assert!(again.err.contains("runs/all.rrd: a comparison, not a recording of a run; left out"), "{again:?}");
+    assert_eq!(again.json()["runs"], comparison_of_all["runs"]);
+
+    // A table for data frames; never over another file.
+    let words = ["compare", "runs", "--metrics", "measured,nis.*", "--parquet", "table.parquet"];
+    place.call(&words).well();
+    let table = Table::read(&place.path().join("table.parquet")).unwrap();
+    assert_eq!((table.rows(), table.about["baseline"].as_str()), (15, "paper-agsta"));
+    let Some(Column::Number(sway)) = table.column("measured.sway_m_per_s") else { panic!("{:?}", table.columns()) };
+    let Some(Column::Text(groups)) = table.column("group") else { panic!("{:?}", table.columns()) };
+    for (value, run) in sway.iter().zip(comparison["runs"].as_array().unwrap().iter()) {
+        assert!(value.is_some() && run["values"]["measured.sway_m_per_s"].is_f64());
+    }
+    assert!(
+        groups.iter().flatten().filter(|group| *group == "paper-pid").count() == 5
+            && table.column("nis.depth").is_some()
+    );
+    let before = fs::read(place.path().join("table.parquet")).unwrap();
+    let again = place.call(&words);
+    assert!(again.code == Some(2) && again.err.contains("table.parquet: exists already; use --force"), "{again:?}");
+    place.call(&[&words[..], &["--force"]].concat()).well();
+    assert_eq!(fs::read(place.path().join("table.parquet")).unwrap(), before);
+}
+
+#[test]
+fn one_run_against_another_has_numbers_and_no_verdict() {
+    let place = Place::new();
+    record(&place, "a", &["paper-gsta"], 2, &[]);
+    record(&place, "b", &["paper-gsta"], 1, &["--set", "controller.law.gsta.k2.surge=2.5"]);
+    let comparison = compared(&place, &["a/paper-gsta-seed1.rrd", "b"]);
+    let name = "paper-gsta [k2.surge=2.5]";
+    let changes = &group(&comparison, name)["changes"];
+    assert_eq!(changes.as_array().unwrap().len(), 1, "{changes}");
+    assert_eq!(changes[0]["path"], "controller.law.gsta.k2.surge");
+    let surge = row(&comparison, name, "measured.surge_m_per_s");
+    assert_eq!(
+        (&surge["difference"]["verdict"], &surge["difference"]["interval"]),
+        (&"too_few_seeds".into(), &Value::Null)
+    );
+    assert!(surge["verdict"].as_str().unwrap().ends_with("1 seed, a verdict needs 5"), "{surge}");
+
+    // Runs of one configuration are one group, unless each is wanted for itself.
+    assert_eq!(compared(&place, &["a"])["groups"].as_array().unwrap().len(), 1);
+    let each = compared(&place, &["a", "--each"]);
+    assert_eq!(each["groups"].as_array().unwrap().len(), 2);
+    assert_eq!(row(&each, "paper-gsta-seed2", "measured.depth_m")["difference"]["seeds"], 1);
+
+    // A copy is the same run, and a run against its copy in another version would be equal.
+    fs::copy(place.path().join("a/paper-gsta-seed1.rrd"), place.path().join("a/copy.rrd")).unwrap();
+    let copied = place.call(&["compare", "a", "--json"]).well();
+    assert!(copied.err.contains("the same run as a/copy.rrd; counted once"), "{copied:?}");
+    assert_eq!(copied.json()["runs"].as_array().unwrap().len(), 2);
+}
+
+#[test]
+fn runs_are_aligned_on_what_happens_in_them() {
+    let place = Place::new();
+    let mission = |at_s: f64, port: bool| {
+        let port =
+            if port { format!(",{{at_s={},command.guidance.direction=\"port\"}}", at_s + 9.0) } else { String::new() };
+        format!(
+            "trial.mission=[{{at_s=0.0,command.guidance.mode=\"depth_heading_hold\"}},\
+             {{at_s={at_s},command.guidance.mode=\"follow_net\"}}{port}]"
+        )
+    };
+    for (out, at_s, port) in [("a", 3.0, true), ("b", 7.5, true), ("c", 3.0, false)] {
+        record(&place, out, &["paper-gsta"], 1, &["--set", &mission(at_s, port)]);
+    }
+    let following = compared(&place, &["a", "b", "c", "--align", "following", "--window", "-1:10"]);
+    let asked = json!({ "from_s": -1.0, "to_s": 10.0 });
+    let whole = |run: &Value| run["window"] == asked && run["moments"] == 550 && run["missing"] == 0;
+    assert!(following["runs"].as_array().unwrap().iter().all(whole), "{following:#}");
+    // Without a window: from the event to where all of them are.
+    let rest = compared(&place, &["a", "b", "--align", "following"]);
+    let both = json!({ "from_s": 0.0, "to_s": 15.5 });
+    assert!(rest["runs"].as_array().unwrap().iter().all(|run| run["window"] == both), "{rest:#}");
+
+    let reversed = place.call(&["compare", "a", "b", "c", "--align", "reversed", "--window", "0:5", "--json"]);
+    assert_eq!(reversed.code, Some(2));
+    assert_eq!(reversed.json()["runs"].as_array().unwrap().len(), 2);
+    assert!(reversed.err.contains("c/paper-gsta-seed1.rrd: its direction is never reversed"), "{reversed:?}");
+
+    let text =
+        place.call(&["compare", "a", "b", "--align", "event:command applied: *follow_net", "--window", ":4"]).well();
+    assert!(text.out.contains("0.00 to 4.00 s from `event:command applied: *follow_net`"), "{text:?}");
+    for (words, error) in [
+        (["--align", "folowing"], "must be start, following"),
+        (["--window", "5:1"], "must begin before it ends"),
+        (["--metrics", "measured.dept_m"], "did you mean `measured.depth_m`?"),
+        (["--limits", "papr"], "did you mean `paper`?"),
+    ] {
+        let refused = place.call(&[&["compare", "a"], &words[..]].concat());
+        assert!(refused.code == Some(2) && refused.err.contains(error) && refused.out.is_empty(), "{refused:?}");
+    }
+}
+
+#[test]
+fn limits_are_a_gate() {
+    let place = Place::new();
+    record(&place, "runs", &["paper-gsta", "paper-pid"], 2, &[]);
+    let limits = |name: &str, text: &str| {
+        fs::write(place.path().join(name), format!("description = \"a test\"\n{text}")).unwrap();
+    };
+    limits("wide.toml", "[[limit]]\nmetric = \"measured.depth_m\"\nmax = 10.0\n");
+    let passed = place.call(&["compare", "runs", "--limits", "wide.toml"]).well();
+    assert!(passed.out.contains("4 passed, 0 failed, 0 invalid; 0 could not be used."), "{passed:?}");
+
+    limits(
+        "narrow.toml",
+        "[[limit]]\nmetric = \"measured.depth_m\"\ngroup = \"paper-pid\"\nmax = 1e-9\n\
+                           [[limit]]\nmetric = \"effort.surge\"\nmin = 0.0\n",
+    );
+    let failed = place.call(&["compare", "runs", "--limits", "narrow.toml"]);
+    assert_eq!(failed.code, Some(1), "{failed:?}");
+    assert!(
+        failed.out.contains("2 passed, 2 failed") && failed.out.contains("must be at most 0.000000001"),
+        "{failed:?}"
+    );
+    let judged = place.call(&["compare", "runs", "--limits", "narrow.toml", "--json"]).json();
+    let outcomes: Vec<(&str, &str)> = judged["runs"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|run| (run["name"].as_str().unwrap(), run["outcome"].as_str().unwrap()))
+        .collect();
+    assert_eq!(
+        outcomes,
+        [
+            ("paper-gsta-seed1", "pass"),
+            ("paper-gsta-seed2", "pass"),
+            ("paper-pid-seed1", "fail"),
+            ("paper-pid-seed2", "fail"),
+        ]
+    );
+
+    // What can not be judged has not passed: PID has no gains, and nobody recorded a link.
+    limits("absent.toml", "[[limit]]\nmetric = \"k1_end.sway\"\nmax = 1e9\n");
+    let invalid = place.call(&["compare", "runs", "--limits", "absent.toml"]);
+    assert_eq!(invalid.code, Some(2), "{invalid:?}");
+    assert!(
+        invalid.out.contains("2 passed, 0 failed, 2 invalid") && invalid.out.contains("k1_end.sway is not there"),
+        "{invalid:?}"
+    );
+    limits("nobody.toml", "[[limit]]\nmetric = \"measured.depth_m\"\nmax = 9.0\ngroup = \"papr-pid\"\n");
+    let nobody = place.call(&["compare", "runs", "--limits", "nobody.toml"]);
+    assert!(nobody.code == Some(2) && nobody.err.contains("group \"papr-pid\" is not among these runs"), "{nobody:?}");
+    assert!(nobody.out.contains("no limit concerns it"), "{nobody:?}");
+
+    limits("typo.toml", "[[limit]]\nmetric = \"measured.depth_m\"\nmaxx = 9.0\n");
+    let typo = place.call(&["compare", "runs", "--limits", "typo.toml"]);
+    assert!(typo.code == Some(2) && typo.err.contains("typo.toml:4:1: limit[0]"), "{typo:?}");
+    assert!(typo.err.contains("did you mean `max`?"), "{typo:?}");
+    // `check` knows the folder.
+    let checked = place.call(&["check", &format!("{CONFIG}/limits/paper.toml")]).well();
+    assert!(checked.out.contains("limit.0.metric"), "{checked:?}");
+}
+
+/// Writes a recording in which one number is none.
+struct Spoiled(RerunSink, u64);
+
+impl Probe for Spoiled {
+    fn vector(&mut self, signal: &'static Signal, values: &[f64]) {
+        let spoil = self.1 == 1000 && signal.path == "estimator/nav/velocity";
+        let values: Vec<f64> = values.iter().map(|value| if spoil { f64::NAN } else { *value }).collect();
+        self.0.vector(signal, &values);
+    }
+    fn label(&mut self, signal: &'static Signal, value: &'static str) {
+        self.0.label(signal, value);
+    }
+}
+
+impl RunSink for Spoiled {
+    fn begin(&mut self, header: &RunHeader) -> Result<(), SinkError> {
+        self.0.begin(header)
+    }
+    fn tick(&mut self, tick: Tick) -> Result<(), SinkError> {
+        self.1 = tick.k;
+        self.0.tick(tick)
+    }
+    fn event(&mut self, event: &Event) -> Result<(), SinkError> {
+        self.0.event(event)
+    }
+    fn finish(&mut self, results: &Properties) -> Result<(), SinkError> {
+        self.0.finish(results)
+    }
+}
+
+#[test]
+fn what_can_not_be_compared_is_named_and_the_others_are_compared() {
+    let place = Place::new();
+    record(&place, "runs", &["paper-gsta"], 2, &[]);
+    let at = |name: &str| place.path().join("runs").join(name);
+    // Another vehicle, a shorter run, one that never came far.
+    let words = ["run", "bluerov2", "--out", "runs", "--set", "trial.duration_s=30", "--set", "trial.score.from_s=20"];
+    place.call(&words).well();
+    place
+        .call(&["run", "paper-pid", "--out", "runs", "--set", "trial.duration_s=18", "--set", "trial.score.from_s=5"])
+        .well();
+    // Cut in the middle, and near the end; empty; another format altogether; another program's; of the future; of the past.
+    let whole = fs::read(at("paper-gsta-seed1.rrd")).unwrap();
+    fs::write(at("half.rrd"), &whole[..whole.len() / 2]).unwrap();
+    fs::write(at("empty.rrd"), "").unwrap();
+    fs::write(at("text.rrd"), "something else altogether, long enough for a header").unwrap();
+    fs::create_dir(place.path().join("cut")).unwrap();
+    fs::write(place.path().join("cut/most.rrd"), &whole[..whole.len() * 95 / 100]).unwrap();
+    let mut other = whole;
+    for i in 0..other.len() - 9 {
+        if &other[i..i + 9] == b"supertwin" {
+            other[i..i + 9].copy_from_slice(b"othertool");
+        }
+    }
+    fs::write(at("other.rrd"), other).unwrap();
+    for (name, format) in [("future.rrd", 99u64), ("past.rrd", 0)] {
+        let mut sink = RerunSink::create(&at(name), Options::default()).unwrap();
+        let properties = Properties::from([("format".to_owned(), format.into())]);
+        sink.begin(&RunHeader { name: name.to_owned(), properties, ..RunHeader::default() }).unwrap();
+        sink.finish(&Properties::new()).unwrap();
+    }
+    let library =
+        Library::new(CONFIG, vec!["trial.duration_s=23".parse().unwrap(), "trial.score.from_s=17".parse().unwrap()]);
+    let trial = trial::load(&library, "paper-gsta").unwrap().remove(0);
+    let mut sink = Spoiled(RerunSink::create(&at("nan.rrd"), Options::default()).unwrap(), 0);
+    supertwin_lab::run(&trial, 9, &mut sink, Some(&Properties::new()), |_| true).unwrap();
+
+    let done = place.call(&["compare", "runs", "--json", "--window", "17:23"]);
+    assert_eq!(done.code, Some(2), "{}", done.err);
+    let comparison = done.json();
+    let reasons = reasons(&comparison);
+    for (name, reason) in [
+        ("bluerov2-bluerov2-pid-seed1.rrd", "vehicle = \"bluerov2\": the others have \"argus-mini\""),
+        ("paper-pid-seed1.rrd", "only 1.00 of 6.00 s of the window were recorded; name a shorter one with --window"),
+        ("half.rrd", "was not recorded: scores need it"),
+        ("empty.rrd", "the file is empty"),
+        ("text.rrd", "not a recording"),
+        ("other.rrd", "a recording of \"othertool\""),
+        ("future.rrd", "format = 99: must be at most 1; a newer supertwin wrote this"),
+        ("past.rrd", "format = 0: must be 1; an older supertwin wrote this"),
+        ("nan.rrd", "estimator/nav/velocity is not finite at tick 1000"),
+    ] {
+        let said = reasons.get(name).unwrap_or_else(|| panic!("{name} is not among {reasons:#?}"));
+        assert!(said.contains(reason), "{name}: {said}");
+        assert!(done.err.contains(&format!("error: runs/{name}: ")), "{}", done.err);
+    }
+    assert_eq!(reasons.len(), 9, "{reasons:#?}");
+    let names: Vec<&str> =
+        comparison["runs"].as_array().unwrap().iter().map(|run| run["name"].as_str().unwrap()).collect();
+    assert_eq!(names, ["paper-gsta-seed1", "paper-gsta-seed2"]);
+
+    // With a window that it has, what is left of a damaged file is compared as well, with a warning.
+    let most =
+        place.call(&["compare", "cut/most.rrd", "runs/paper-gsta-seed2.rrd", "--window", "0:5", "--json"]).well();
+    assert!(most.err.contains("warning: cut/most.rrd: not closed: "), "{most:?}");
+    assert_eq!(most.json()["runs"].as_array().unwrap().len(), 2);
+
+    let nothing = place.call(&["compare", "runs/empty.rrd", "runs/text.rrd"]);
+    assert!(nothing.code == Some(2) && nothing.out.is_empty(), "{nothing:?}");
+    assert!(
+        nothing.err.contains("none of these runs can be compared") && nothing.err.contains("text.rrd: not a recording")
+    );
+    // By their own windows, runs that are scored elsewhere are told from the others.
+    let own = place.call(&["compare", "runs/paper-gsta-seed1.rrd", "runs/paper-pid-seed1.rrd"]).well();
+    assert!(own.out.contains("(paper-gsta: 17.00 to 23.00 s, paper-pid: 5.00 to 18.00 s; --window makes"), "{own:?}");
+    let bad_baseline = place.call(&["compare", "runs", "--baseline", "runs/nan.rrd"]);
+    assert!(bad_baseline.code == Some(2) && bad_baseline.err.contains("not finite at tick 1000"), "{bad_baseline:?}");
+}
+
+#[test]
+fn every_metric_is_explained() {
+    let place = Place::new();
+    let help = place.call(&["compare", "--metrics", "help"]).well().out;
+    for metric in supertwin_lab::metrics::catalogue() {
+        assert!(help.contains(metric.family.about) && help.contains(metric.family.name), "{}", metric.name);
+    }
+    assert!(help.contains("measured.distance_m [m], speed_m_per_s [m/s]") && help.contains("√(Σeᵢ²/n)"), "{help}");
+    let nothing = place.call(&["compare"]);
+    assert!(nothing.code == Some(2) && nothing.err.contains("name the recordings to compare"), "{nothing:?}");
+}
+
+#[test]
+fn a_deployment_is_compared_by_its_latency_and_loss() {
+    let place = Place::new();
+    let trial = following(place.path());
+    // On a quiet machine real time repeats itself bit for bit, and the same run counts once: other seeds are other runs.
+    for (out, seed) in [("one", "1"), ("two", "2")] {
+        let words = ["up", "--json", "--vehicle", "rov", "--trial", &trial, "--listen", &place.socket];
+        place.call(&[&words[..], &["--duration", "6", "--record", out, "--seed", seed]].concat()).well();
+    }
+    let words = [
+        "one",
+        "two",
+        "--each",
+        "--metrics",
+        "measured,loop_us,step_us,*_max,messages_lost,recorder_lag_ms,unrecorded_share",
+    ];
+    let done = place.call(&[&["compare", "--json", "--window", "1.5:"], &words[..]].concat());
+    let comparison = done.json();
+    let runs = comparison["runs"].as_array().unwrap();
+    assert_eq!(runs.len(), 2, "{}", done.err);
+    for run in runs {
+        let value = |name: &str| run["values"][name].as_f64().unwrap_or_else(|| panic!("no {name} in {run:#}"));
+        let [median, p99, max] = ["loop_us.median", "loop_us.p99", "loop_us.max"].map(value);
+        assert!(0.0 < median && median <= p99 && p99 <= max, "{run:#}");
+        assert!(value("step_us.controller") > 0.0 && value("messages_lost") >= 0.0 && value("transport_ms_max") >= 0.0);
+        assert!(value("recorder_lag_ms.median") <= value("recorder_lag_ms.p99"));
+        assert!((0.0..0.5).contains(&value("unrecorded_share")), "{run:#}");
+    }
+    assert!(comparison["groups"].as_array().unwrap().iter().all(|group| group["placement"] == "realtime"));
+}
+
+/// Another implementation of the same statistics; it reads the numbers and answers in JSON.
+const SCIPY: &str = r#"
+import json, sys
+import numpy as np
+from scipy import stats
+answers = []
+for case in json.load(open(sys.argv[1])):
+    x = np.array(case["values"])
+    ends = []
+    for state in range(20):
+        result = stats.bootstrap((x,), np.mean, n_resamples=case["resamples"], confidence_level=0.95,
+                                 method="percentile", rng=np.random.default_rng(state))
+        ends.append([result.confidence_interval.low, result.confidence_interval.high])
+    ends = np.array(ends)
+    answers.append({
+        "mean": float(np.mean(x)), "sd": float(np.std(x, ddof=1)),
+        "quantiles": [float(np.quantile(x, q)) for q in (0.025, 0.5, 0.9)],
+        "p": float(stats.binomtest(case["wins"], case["wins"] + case["losses"], 0.5).pvalue),
+        "interval": ends.mean(axis=0).tolist(), "error": ends.std(axis=0, ddof=1).tolist(),
+    })
+print(json.dumps(answers))
+"#;
+
+#[test]
+fn statistics_are_those_of_scipy() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut stream = supertwin_core::random::Stream::new(11, "scipy");
+    let samples: Vec<Vec<f64>> = [(5, 0), (8, 1), (20, 2), (20, 3), (100, 4), (1000, 5)]
+        .into_iter()
+        .map(|(n, kind)| {
+            // Normal, skewed, and with ties.
+            let draw = |_| match kind % 3 {
+                0 => 0.031 + 0.01 * stream.normal(),
+                1 => stream.exponential(2.0),
+                _ => f64::from(stream.below(4)) - 1.0,
+            };
+            (0..n).map(draw).collect()
+        })
+        .collect();
+    let cases: Vec<Value> = samples
+        .iter()
+        .map(|values| {
+            let [wins, losses] = [1.0, -1.0].map(|sign| values.iter().filter(|value| sign * **value > 0.01).count());
+            json!({ "values": values, "wins": wins, "losses": losses, "resamples": RESAMPLES })
+        })
+        .collect();
+    let file = folder.path().join("cases.json");
+    fs::write(&file, serde_json::to_string(&cases).unwrap()).unwrap();
+    let environment = python::environment_with("python-statistics", &["numpy==2.4.6", "scipy==1.17.1"]);
+    let said = python::say_in(&environment, folder.path(), SCIPY, &["cases.json"]);
+    let answers: Vec<Value> = serde_json::from_str(&said).unwrap();
+    let near = |ours: f64, theirs: &Value, tolerance: f64| {
+        let theirs = theirs.as_f64().unwrap();
+        assert!((ours - theirs).abs() <= tolerance * theirs.abs().max(1e-3), "{ours} against {theirs}");
+    };
+    for ((values, case), answer) in samples.iter().zip(&cases).zip(&answers) {
+        near(mean(values), &answer["mean"], 1e-13);
+        near(standard_deviation(values).unwrap(), &answer["sd"], 1e-13);
+        let mut sorted = values.clone();
+        sorted.sort_by(f64::total_cmp);
+        for (i, share) in [0.025, 0.5, 0.9].into_iter().enumerate() {
+            near(quantile(&sorted, share).unwrap(), &answer["quantiles"][i], 1e-13);
+        }
+        let count = |name: &str| case[name].as_u64().unwrap() as usize;
+        near(sign_test(count("wins"), count("losses")), &answer["p"], 1e-10);
+        // Two bootstraps differ by the error of resampling, which scipy's own twenty show.
+        let interval = bootstrap_interval(values, "scipy").unwrap();
+        for (end, ours) in [interval.low, interval.high].into_iter().enumerate() {
+            let theirs = answer["interval"][end].as_f64().unwrap();
+            let error = answer["error"][end].as_f64().unwrap();
+            assert!((ours - theirs).abs() <= 5.0 * error + 1e-12, "{ours} against {theirs} ± {error}");
+        }
+    }
+    assert_eq!(answers.len(), samples.len());
+}
+
+#[test]
+fn the_help_says_what_the_exit_statuses_mean() {
+    let out = Place::new().call(&["compare", "--help"]).well().out;
+    for words in
+        ["Exit status: 0 every run was compared (and passed), 1 a limit failed, 2", "--baseline", "--align", "--limits"]
+    {
+        assert!(out.contains(words), "no {words:?} in:\n{out}");
+    }
+}

@@ -1,0 +1,550 @@
+//! The dashboards show what recordings contain, and every curve can be seen in the real viewer.
+#![allow(clippy::unwrap_used, reason = "a test may panic")]
+
+#[path = "support/python.rs"]
+mod support;
+
+use serde_json::{Value, json};
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+use std::sync::OnceLock;
+use supertwin_core::run::{Properties, Scene, ThrusterPlace};
+use supertwin_core::{Observe, Probe, Property, RunHeader, RunSink, Signal, Tick};
+use supertwin_lab::{Library, trial};
+use supertwin_rerun::blueprint::{self, About, Dashboard, NAMES, TABS, View};
+use supertwin_rerun::merge::{Better, Cell, Row, Scores};
+use supertwin_rerun::{Merge, Merged, MergedRun, Options, Recording, RerunSink, merge, read, read_selected, style};
+
+/// Signals that no dashboard shows, and why.
+const NOT_SHOWN: [(&str, &str); 26] = [
+    ("estimator/nav/pose", "is `measured` in tracking/*"),
+    ("estimator/nav/velocity", "is `measured` in tracking/*"),
+    ("estimator/nav/net", "is `measured` in tracking/*"),
+    ("guidance/reference/velocity", "is `reference` in tracking/*"),
+    ("guidance/reference/depth", "is `reference` in tracking/*"),
+    ("guidance/reference/heading", "is `reference` in tracking/*"),
+    ("guidance/reference/setpoint", "is `reference` in tracking/*"),
+    ("plant/truth/pose", "is `true` in tracking/*, and moves the vehicle in the picture"),
+    ("plant/truth/velocity", "is `true` in tracking/*"),
+    ("plant/truth/net", "is `true` in tracking/*"),
+    ("plant/truth/current", "is an arrow in the picture"),
+    ("plant/truth/water_velocity", "is the current, an arrow in the picture, and the waves"),
+    ("guidance/line_of_sight", "is the reference before its filter"),
+    ("guidance/target", "is the reference before its filter"),
+    ("estimator/innovation/dvl", "is in derived/innovation and derived/nis"),
+    ("estimator/innovation/depth", "is in derived/innovation and derived/nis"),
+    ("estimator/innovation/heading", "is in derived/innovation and derived/nis"),
+    ("estimator/innovation/yaw_rate", "is in derived/innovation and derived/nis"),
+    ("estimator/nav/variance", "is the square of derived/std"),
+    ("estimator/nav/health", "is in derived/health"),
+    ("estimator/counters", "is in derived/refused"),
+    ("estimator/net_plane/accepted", "colours the beams in the picture, and is in derived/beams_used"),
+    ("controller/thrust/limited", "is in derived/limited"),
+    ("controller/thrust/emergency_neutral", "is in derived/neutral"),
+    ("controller/phi1", "is a function of sigma"),
+    ("controller/phi2", "is a function of sigma"),
+];
+
+/// More of these: what goes into a signal that is shown.
+const INGREDIENTS: [(&str, &str); 16] = [
+    ("plant/measurements/dvl_velocity", "is the estimate plus the innovation"),
+    ("plant/measurements/dvl_taken_at", "is the time of the ping; the latency is not estimated"),
+    ("plant/measurements/depth_taken_at", "is the time of the reading; the latency is not estimated"),
+    ("plant/measurements/heading_taken_at", "is the time of the reading; the latency is not estimated"),
+    ("plant/measurements/yaw_rate_taken_at", "is the time of the reading; the latency is not estimated"),
+    ("plant/measurements/depth", "is the estimate plus the innovation"),
+    ("plant/measurements/heading", "is the estimate plus the innovation"),
+    ("plant/measurements/yaw_rate", "is the estimate plus the innovation"),
+    ("estimator/nav/acceleration", "is what the filter's model makes of the wrench"),
+    ("estimator/net_plane/fit", "is `measured` in tracking/distance"),
+    ("estimator/net_plane/state", "is `measured` in tracking/distance, as inverse ranges"),
+    ("plant/health", "is in derived/neutral and derived/pings_lost"),
+    ("controller/error", "is measured minus reference in tracking/*"),
+    ("controller/velocity_error", "is measured minus reference in tracking/*"),
+    ("controller/acceleration_error", "only goes into sigma of the literal surface"),
+    ("controller/surface_acceleration", "is sigma minus the error"),
+];
+
+/// Trials that between them have every law and both net planes.
+const TRIALS: [&str; 6] = ["paper-gsta", "paper-agsta", "paper-pid", "plane-filter", "hand-over", "external"];
+
+fn folder() -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("dashboards");
+    fs::create_dir_all(&folder).unwrap();
+    folder
+}
+
+/// Recordings of the trials, made once.
+fn recordings() -> &'static BTreeMap<&'static str, (PathBuf, Recording)> {
+    static MADE: OnceLock<BTreeMap<&str, (PathBuf, Recording)>> = OnceLock::new();
+    MADE.get_or_init(|| {
+        let library = Library::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../config"), Vec::new());
+        let record = |name: &'static str| {
+            let trial = &trial::load(&library, name).unwrap()[0];
+            let path = folder().join(format!("{name}.rrd"));
+            let mut sink = RerunSink::create(&path, overwrite()).unwrap();
+            supertwin_lab::run(trial, trial.trial.seed, &mut sink, Some(&Properties::new()), |_| true).unwrap();
+            let recording = read(&path).unwrap();
+            (name, (path, recording))
+        };
+        TRIALS.map(record).into()
+    })
+}
+
+fn overwrite() -> Options {
+    Options { overwrite: true, ..Options::default() }
+}
+
+fn about(recording: &Recording) -> About {
+    let thrusters = recording.signals.get("controller/thrust/force").map_or(0, |force| force.width);
+    let scene = Scene { thrusters: vec![ThrusterPlace::default(); thrusters], ..Scene::default() };
+    About::run(&RunHeader { properties: recording.properties["run"].clone(), scene, ..RunHeader::default() })
+}
+
+macro_rules! link_signals {
+    ($($service:literal),*) => {
+        [$([
+            signal(concat!("link/", $service, "/step_time"), &["median", "p99", "max"], &["µs"]),
+            signal(concat!("link/", $service, "/rate"), &[], &["Hz"]),
+            signal(concat!("link/", $service, "/deadline"), &["misses", "skipped", "by_timer", "late_triggers"], &["count"]),
+            signal(
+                concat!("link/", $service, "/refused"),
+                &["refused", "overflow", "telemetry_dropped", "letters_dropped", "not_finite"],
+                &["count"],
+            ),
+            signal(concat!("link/", $service, "/age"), &["estimator/nav", "controller/thrust"], &["ticks"]),
+            signal(concat!("link/", $service, "/transport"), &["estimator/nav", "controller/thrust"], &["ms"]),
+            signal(concat!("link/", $service, "/missing"), &["estimator/nav", "controller/thrust"], &["count"]),
+        ]),*]
+    };
+}
+
+const fn signal(path: &'static str, components: &'static [&'static str], units: &'static [&'static str]) -> Signal {
+    Signal { path, components, units, about: "" }
+}
+
+static LINK: [[Signal; 7]; 4] = link_signals!("plant", "estimator", "guidance", "controller");
+static RECORDER: [Signal; 3] = [
+    signal("link/plant/loop_time", &["median", "p99", "max"], &["µs"]),
+    signal("link/recorder/gaps", &["plant", "estimator", "guidance", "controller"], &["count"]),
+    signal("link/recorder/lag", &[], &["ms"]),
+];
+
+/// What the network adds to a recording, once a second, with numbers that are told apart in a picture.
+struct Network;
+
+impl Observe for Network {
+    fn observe<P: Probe>(&self, probe: &mut P) {
+        for signal in LINK.iter().flatten().chain(&RECORDER) {
+            let n = signal.components.len().max(1);
+            probe.vector(signal, &(0..n).map(|i| 10.0 + 5.0 * i as f64).collect::<Vec<_>>());
+        }
+    }
+}
+
+/// Made once: tests that write one file at a time each would destroy it for the others.
+fn network_recording() -> (PathBuf, Recording) {
+    static MADE: OnceLock<(PathBuf, Recording)> = OnceLock::new();
+    MADE.get_or_init(record_network).clone()
+}
+
+fn record_network() -> (PathBuf, Recording) {
+    let path = folder().join("network.rrd");
+    let mut sink = RerunSink::create(&path, overwrite()).unwrap();
+    let properties = Properties::from([
+        ("placement".to_owned(), "up".into()),
+        ("law".to_owned(), "agsta".into()),
+        ("duration_s".to_owned(), 60.0.into()),
+    ]);
+    sink.begin(&RunHeader { name: "network".to_owned(), properties, scene: Scene::default() }).unwrap();
+    for k in 0..3000 {
+        sink.tick(Tick { k, dt_s: 0.02 }).unwrap();
+        if k % 50 == 0 {
+            Network.observe(&mut sink);
+        }
+    }
+    sink.finish(&Properties::new()).unwrap();
+    let recording = read(&path).unwrap();
+    (path, recording)
+}
+
+/// Paths below `entity`, when it ends in `/**`, or itself.
+fn matches(entity: &str, path: &str) -> bool {
+    let entity = entity.trim_start_matches('/');
+    match entity.strip_suffix("/**") {
+        Some(below) => path.starts_with(&format!("{below}/")),
+        None => path == entity,
+    }
+}
+
+#[test]
+fn every_view_finds_what_it_names_in_a_recording_of_its_kind() {
+    for (name, (_, recording)) in recordings() {
+        for view in Dashboard::all(&about(recording)).views() {
+            for entity in &view.entities {
+                assert!(recording.rows.keys().any(|path| matches(entity, path)), "{name}: {}: {entity}", view.name);
+            }
+            for curves in &view.curves {
+                let Some((component, width)) = curves.only else { continue };
+                let columns = &recording.signals[curves.entity.trim_start_matches('/')];
+                assert!(component < width && width == columns.width, "{name}: {}: {}", view.name, curves.entity);
+            }
+        }
+    }
+    let (_, recording) = network_recording();
+    for view in Dashboard::named("link", &about(&recording)).unwrap().views() {
+        for entity in &view.entities {
+            assert!(recording.rows.contains_key(entity.trim_start_matches('/')), "{}: {entity}", view.name);
+        }
+    }
+}
+
+#[test]
+fn every_signal_is_in_a_dashboard_or_has_a_reason_not_to_be() {
+    let reasons: BTreeSet<&str> = NOT_SHOWN.iter().chain(&INGREDIENTS).map(|(path, _)| *path).collect();
+    let mut needed = BTreeSet::new();
+    let network = network_recording();
+    let all = recordings().iter().map(|(name, made)| (*name, made)).chain([("network", &network)]);
+    for (name, (_, recording)) in all {
+        let dashboard = Dashboard::all(&about(recording));
+        for path in recording.signals.keys().chain(recording.labels.keys()) {
+            if !dashboard.views().iter().any(|view| view.entities.iter().any(|entity| matches(entity, path))) {
+                assert!(reasons.contains(path.as_str()), "{name}: {path} is shown nowhere");
+                needed.insert(path.clone());
+            }
+        }
+    }
+    for path in reasons {
+        assert!(needed.contains(path), "{path} needs no reason: it is shown, or no longer recorded");
+    }
+}
+
+#[test]
+fn only_recordings_over_the_network_have_a_tab_for_it() {
+    let has_link = |about: &About| Dashboard::all(about).views().iter().any(|view| view.name.starts_with("Rate"));
+    assert!(!has_link(&about(&recordings()["paper-pid"].1)));
+    assert!(has_link(&about(&network_recording().1)));
+}
+
+#[test]
+fn a_law_has_the_plots_that_it_can_fill() {
+    let titles = |law: &str| {
+        let about = About { laws: vec![law.to_owned()], ..About::default() };
+        let dashboard = Dashboard::named("adaptation", &about).unwrap();
+        dashboard.views().iter().map(|view| view.name.clone()).collect::<Vec<_>>().join("; ")
+    };
+    assert!(titles("agsta").contains("α_tol") && !titles("agsta").contains("PID"));
+    assert!(titles("gsta").contains("k1, constant") && !titles("gsta").contains("α_tol"));
+    assert!(titles("pid").contains("integral") && !titles("pid").contains('σ'));
+    // Unknown: all of it.
+    assert!(titles("external").contains("α_tol") && titles("external").contains("PID"));
+    // Nobody steers from outside but over a network.
+    assert!(!titles("external").contains("outside"));
+    let about = About { laws: vec!["external".to_owned(), "pid".to_owned()], network: true, ..About::default() };
+    let dashboard = Dashboard::named("adaptation", &about).unwrap();
+    let paths: Vec<&str> = dashboard.views().iter().flat_map(|view| &view.entities).map(String::as_str).collect();
+    assert!(paths.contains(&"/controller/wrench_request") && paths.contains(&"/derived/external/**"));
+}
+
+/// One curve that a plot must show.
+struct Curve<'a> {
+    color: [u8; 3],
+    values: Vec<f64>,
+    name: &'a str,
+}
+
+fn curves<'a>(recording: &'a Recording, view: &View) -> Vec<Curve<'a>> {
+    let mut all = Vec::new();
+    for curves in &view.curves {
+        let path = curves.entity.trim_start_matches('/');
+        let Some(columns) = recording.signals.get(path) else { continue };
+        for (i, name) in columns.names.iter().enumerate() {
+            if curves.only.is_some_and(|(component, _)| component != i) {
+                continue;
+            }
+            let name = name.split(" [").next().unwrap_or_default();
+            let [r, g, b, _] = curves.color.unwrap_or_else(|| style::color(path, name, i)).to_be_bytes();
+            let values = columns.values.iter().skip(i).step_by(columns.width).copied().collect();
+            all.push(Curve { color: [r, g, b], values, name });
+        }
+    }
+    all
+}
+
+/// One of two curves that are the same nearly everywhere, as far as a picture can tell, hides the other.
+fn hides(one: &Curve<'_>, other: &Curve<'_>, range: f64) -> bool {
+    // Signals of different rates are compared at the same share of the run.
+    let at = |curve: &Curve<'_>, i: usize| curve.values[i * (curve.values.len() - 1) / 200];
+    let same = |i: &usize| (at(one, *i) - at(other, *i)).abs() <= 0.03 * range;
+    (0..=200).filter(same).count() > 180
+}
+
+/// A colour that nothing has: the look for curves must not find it.
+const NO_CURVE: [u8; 3] = [255, 0, 255];
+
+/// Pixels of each curve, by the plot's identifier.
+type Counts = BTreeMap<String, Vec<u64>>;
+
+/// Draws what `jobs` say of a recording, and cuts the viewer's own bar off the pictures in `crop`.
+fn draw(name: &str, recording: &Path, jobs: &[Value], crop: &[&str]) -> Counts {
+    let environment = support::environment();
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/support/pictures.py");
+    let mut command = Command::new(environment.join("bin/python"));
+    command.arg(script).arg(support::viewer(&environment)).args([recording, &folder()]).arg(name).args(crop);
+    let mut running = command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+    serde_json::to_writer(running.stdin.take().unwrap(), jobs).unwrap();
+    let output = running.wait_with_output().unwrap();
+    assert!(output.status.success(), "{command:?}");
+    let counts: BTreeMap<String, Counts> = serde_json::from_slice(&output.stdout).unwrap();
+    counts.into_values().flatten().collect()
+}
+
+/// What the script needs to know to draw a dashboard, and the plots that it will look at.
+fn job(name: &str, mut dashboard: Dashboard, like: &Recording) -> (Value, Vec<View>) {
+    dashboard.mark_plots();
+    let plots: Vec<View> =
+        dashboard.views().iter().filter(|view| !view.curves.is_empty() && !view.behind).cloned().collect();
+    let plot = |view: &View| {
+        let mut colors: Vec<_> = curves(like, view).iter().map(|curve| curve.color).collect();
+        colors.push(NO_CURVE);
+        json!({ "id": view.id, "mark": view.mark, "share": view.share, "colors": colors })
+    };
+    let looked_at: Vec<_> = plots.iter().map(plot).collect();
+    (json!({ "name": name, "file": save(name, dashboard), "plots": looked_at }), plots)
+}
+
+fn save(name: &str, dashboard: Dashboard) -> PathBuf {
+    let file = folder().join(format!("{name}.rbl"));
+    fs::write(&file, blueprint::file(dashboard).unwrap()).unwrap();
+    file
+}
+
+/// Fewer pixels than these are no curve.
+const LEAST: u64 = 40;
+
+/// Curves of a plot that can't be seen.
+fn unseen(view: &View, recording: &Recording, pixels: &[u64]) -> Vec<String> {
+    let curves = curves(recording, view);
+    let all = || curves.iter().flat_map(|curve| curve.values.iter().copied());
+    let range = all().fold(f64::NEG_INFINITY, f64::max) - all().fold(f64::INFINITY, f64::min);
+    let seen = |i: usize| {
+        let same = |j: usize| pixels[j] >= LEAST && hides(&curves[i], &curves[j], range);
+        (0..curves.len()).any(same)
+    };
+    (0..curves.len()).filter(|&i| !seen(i)).map(|i| format!("{} ({} pixels)", curves[i].name, pixels[i])).collect()
+}
+
+#[test]
+fn every_curve_of_every_plot_can_be_seen() {
+    let network = network_recording();
+    let laws = ["paper-gsta", "paper-agsta", "paper-pid"];
+    let recorded = laws.iter().map(|name| (*name, &NAMES[..5], &recordings()[name]));
+    let mut wrong = Vec::new();
+    for (name, dashboards, (path, recording)) in recorded.chain([("network", &NAMES[5..], &network)]) {
+        let about = about(recording);
+        let named = |dashboard| Dashboard::named(dashboard, &about).unwrap();
+        let jobs = dashboards.iter().map(|dashboard| job(&format!("{name}-{dashboard}"), named(dashboard), recording));
+        let (jobs, plots): (Vec<Value>, Vec<Vec<View>>) = jobs.unzip();
+        assert!(plots.iter().all(|plots| !plots.is_empty()), "{name}");
+        if !support::pictures_are_wanted() {
+            continue;
+        }
+        let counts = draw(name, path, &jobs, &[]);
+        for view in plots.iter().flatten() {
+            let title = &view.name;
+            let (none, of_curves) = counts[&view.id].split_last().unwrap();
+            if of_curves.is_empty() || *none >= LEAST {
+                wrong.push(format!("{name}: {title}: {} curves, {none} pixels of none", of_curves.len()));
+            }
+            let unseen = unseen(view, recording, of_curves);
+            if !unseen.is_empty() {
+                wrong.push(format!("{name}: {title}: can't be seen: {}", unseen.join(", ")));
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+/// Measured errors that the paper has in its table IV, and what they cost.
+const METRICS: [(&str, &str, &str); 8] = [
+    ("Distance error, RMS", "m", "measured.distance_m"),
+    ("Total speed error, RMS", "m/s", "measured.speed_m_per_s"),
+    ("Surge error, RMS", "m/s", "measured.surge_m_per_s"),
+    ("Sway error, RMS", "m/s", "measured.sway_m_per_s"),
+    ("Depth error, RMS", "m", "measured.depth_m"),
+    ("Heading error, RMS", "rad", "measured.heading_rad"),
+    ("Thrust activity, surge", "N/s", "activity.surge"),
+    ("Thrust activity, heave", "N/s", "activity.heave"),
+];
+
+/// Mean and standard deviation of what these runs left in their properties.
+fn score(paths: &[&Path], name: &str) -> Cell {
+    let value = |path: &&Path| match read_selected(path, &|_| false).unwrap().properties["result"][name] {
+        Property::Number(value) => value,
+        _ => panic!("{name} is no number"),
+    };
+    let values: Vec<f64> = paths.iter().map(value).collect();
+    let n = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / n;
+    let variance = values.iter().map(|x| (x - mean) * (x - mean)).sum::<f64>() / (n - 1.0);
+    Cell { value: mean, plus_minus: (values.len() > 1).then(|| variance.sqrt()) }
+}
+
+/// Merges the paper's trials, each with as many recordings as there are; GSTA is what the others are held against.
+fn compare(name: &str, trials: &[(&str, Vec<&Path>)]) -> (PathBuf, Merged) {
+    let mut all = Merge { name: name.to_owned(), ..Merge::default() };
+    for (group, (trial, paths)) in trials.iter().enumerate() {
+        all.groups.push((*trial).to_owned());
+        for (i, path) in paths.iter().enumerate() {
+            let name = path.file_stem().unwrap().to_string_lossy().into_owned();
+            let against = (group > 0).then_some(i);
+            all.runs.push(MergedRun { name, paths: vec![path.to_path_buf()], offset_ns: 0, group, against });
+        }
+    }
+    let row = |(name, unit, property): (&str, &str, &str)| Row {
+        name: name.to_owned(),
+        unit: unit.to_owned(),
+        cells: trials.iter().map(|(_, paths)| Some(score(paths, property))).collect(),
+        better: Better::Lower,
+        chart: true,
+    };
+    all.scores = Scores { rows: METRICS.map(row).into(), ..Scores::default() };
+    let best = |row: &Row| row.cells.iter().flatten().map(|cell| cell.value).fold(f64::INFINITY, f64::min);
+    for row in &all.scores.rows {
+        let best = row.cells.iter().position(|cell| cell.unwrap().value <= best(row)).unwrap();
+        all.scores.verdicts.push(format!("{}: **{}** has least.", row.name, all.groups[best]));
+    }
+    let path = folder().join(format!("{name}.rrd"));
+    let merged = merge(&all, &path, true).unwrap();
+    (path, merged)
+}
+
+/// Colours of the curves in a plot of a comparison, which has them written down.
+fn colors(view: &View) -> Vec<[u8; 3]> {
+    let color = |curves: &blueprint::Curves| {
+        let [r, g, b, _] = curves.color.unwrap_or_default().to_be_bytes();
+        [r, g, b]
+    };
+    view.curves.iter().map(color).collect()
+}
+
+/// Draws every tab of a comparison to `<name>-<tab>.png`, and says which curves can't be seen.
+fn look(name: &str, path: &Path, merged: &Merged) -> Vec<String> {
+    let mut jobs = Vec::new();
+    let mut plots = Vec::new();
+    for tab in TABS {
+        let mut dashboard = Dashboard::compare(&merged.compared, Some(tab));
+        dashboard.mark_plots();
+        let of_tab: Vec<View> = dashboard.views().iter().filter(|view| !view.curves.is_empty()).cloned().collect();
+        assert!(!of_tab.is_empty(), "{name}: {tab}");
+        let plot = |view: &View| {
+            let colors = [colors(view), vec![NO_CURVE]].concat();
+            json!({ "id": view.id, "mark": view.mark, "share": view.share, "colors": colors })
+        };
+        let looked_at: Vec<_> = of_tab.iter().map(plot).collect();
+        let tab = format!("{name}-{}", tab.replace(' ', "-"));
+        jobs.push(json!({ "name": tab, "file": save(&tab, dashboard), "plots": looked_at }));
+        plots.extend(of_tab);
+    }
+    if !support::pictures_are_wanted() {
+        return Vec::new();
+    }
+    let counts = draw(name, path, &jobs, &[]);
+    let mut wrong = Vec::new();
+    for view in &plots {
+        let (none, of_curves) = counts[&view.id].split_last().unwrap();
+        for (curves, pixels) in view.curves.iter().zip(of_curves).filter(|(_, pixels)| **pixels < LEAST) {
+            wrong.push(format!("{name}: {}: {} has {pixels} pixels", view.name, curves.entity));
+        }
+        if *none >= LEAST {
+            wrong.push(format!("{name}: {}: {none} pixels of none", view.name));
+        }
+    }
+    wrong
+}
+
+#[test]
+fn a_comparison_shows_who_is_better_where() {
+    let laws = ["paper-gsta", "paper-agsta", "paper-pid"];
+    let one = |law| (law, vec![recordings()[law].0.as_path()]);
+    let (path, merged) = compare("compare-one", &laws.map(one));
+    assert_eq!((merged.runs, merged.every_ticks, merged.compared.several()), (3, 1, false));
+    let mut wrong = look("compare-one", &path, &merged);
+
+    // Several seeds of each, half a minute long.
+    let shorter = "trial.duration_s=40".parse().unwrap();
+    let library = Library::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../config"), vec![shorter]);
+    let record = |law: &str, seed: u64| {
+        let path = folder().join(format!("compare-{law}-seed{seed}.rrd"));
+        let mut sink = RerunSink::create(&path, overwrite()).unwrap();
+        let trial = &trial::load(&library, law).unwrap()[0];
+        supertwin_lab::run(trial, seed, &mut sink, Some(&Properties::new()), |_| true).unwrap();
+        path
+    };
+    let seeds = laws.map(|law| (1..=4).map(|seed| record(law, seed)).collect::<Vec<_>>());
+    let many: Vec<_> =
+        laws.iter().zip(&seeds).map(|(law, paths)| (*law, paths.iter().map(PathBuf::as_path).collect())).collect();
+    let (path, merged) = compare("compare-many", &many);
+    assert_eq!((merged.runs, merged.compared.several()), (12, true));
+    wrong.extend(look("compare-many", &path, &merged));
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+/// Leaves `overview.png` and `tracking.png` as they stand in the README.
+#[test]
+fn the_pictures_of_the_readme_can_be_made() {
+    let (path, recording) = &recordings()["paper-agsta"];
+    let tracking = Dashboard::named("tracking", &about(recording)).unwrap();
+    let job = json!({ "name": "tracking", "file": save("tracking", tracking), "plots": [] });
+    if support::pictures_are_wanted() {
+        draw("overview", path, &[job], &["overview", "tracking"]);
+    }
+    for picture in ["overview.png", "tracking.png"] {
+        let kept = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../dashboards").join(picture);
+        let bytes = fs::metadata(&kept).unwrap().len();
+        assert!((10_000..400_000).contains(&bytes), "{}: {bytes} bytes", kept.display());
+    }
+}
+
+fn supertwin(folder: &Path, arguments: &[&str]) -> Output {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_supertwin"));
+    command.current_dir(folder).args(arguments).stdin(Stdio::null()).output().unwrap()
+}
+
+#[test]
+fn the_command_lists_dashboards_and_writes_them_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let listed = supertwin(folder.path(), &["dashboard", "--list"]);
+    let said = String::from_utf8(listed.stdout).unwrap();
+    assert!(NAMES.iter().zip(said.lines()).all(|(name, line)| line.starts_with(name)), "{said}");
+    // What depends on the runs has no file, and the list says who writes it.
+    assert!(said.lines().last().unwrap().starts_with("compare "), "{said}");
+    assert!(said.contains("`supertwin compare --out`"), "{said}");
+
+    let saved = supertwin(folder.path(), &["dashboard", "--save", "here", "--json"]);
+    let saved: Value = serde_json::from_slice(&saved.stdout).unwrap();
+    for (name, one) in NAMES.iter().zip(saved.as_array().unwrap()) {
+        assert_eq!((one["name"].as_str(), one["file"].as_str()), (Some(*name), Some(&*format!("here/{name}.rbl"))));
+        assert!(one["views"].as_array().is_some_and(|views| !views.is_empty()));
+        let bytes = fs::read(folder.path().join(format!("here/{name}.rbl"))).unwrap();
+        assert!(bytes.starts_with(b"RRF"), "{name}");
+    }
+    // A file that is there is only replaced when asked to.
+    fs::write(folder.path().join("here/link.rbl"), "precious").unwrap();
+    let again = supertwin(folder.path(), &["dashboard", "link", "--save", "here"]);
+    assert_eq!(again.status.code(), Some(2));
+    let said = String::from_utf8(again.stderr).unwrap();
+    assert!(said.contains("here/link.rbl: exists already; use --force to replace it"), "{said}");
+    assert_eq!(fs::read(folder.path().join("here/link.rbl")).unwrap(), b"precious");
+    assert!(supertwin(folder.path(), &["dashboard", "link", "--save", "here", "--force"]).status.success());
+
+    let none = supertwin(folder.path(), &["dashboard", "compare", "--save", "here"]);
+    let refused = String::from_utf8(none.stderr).unwrap();
+    assert!(none.status.code() == Some(2) && refused.contains("compare: depends on the runs"), "{refused}");
+
+    let unknown = supertwin(folder.path(), &["dashboard", "trackings", "--list"]);
+    assert_eq!(unknown.status.code(), Some(2));
+    assert!(String::from_utf8(unknown.stderr).unwrap().contains("trackings: is no dashboard; there are overview"));
+}

@@ -1,0 +1,210 @@
+//! Certificates that end while everything runs, over real TLS: their links close, the renewed ones are back by themselves,
+//! and no event is lost.
+
+mod support;
+
+use serde_json::json;
+use std::cell::RefCell;
+use std::sync::Arc;
+use std::time::Duration;
+use supertwin_zenoh::{Client, Clock, Inbox, SystemClock, pki};
+use support::{Events, LIMIT, Listener, Place, Process, Proxy, following, listening};
+
+const ROV: &str = "rov";
+
+/// A vehicle that is reached by TLS; guidance stands topside, behind a proxy that counts connections.
+struct Split {
+    place: Place,
+    router: Process,
+    tls: String,
+    guidance: Proxy,
+    beside: Listener,
+    pilot: RefCell<Client>,
+    presence: Inbox,
+    _services: Vec<Process>,
+}
+
+impl Split {
+    /// With certificates that live so many minutes: the router's, guidance's, and a recorder's.
+    fn start([vehicle, guidance, recorder]: [&str; 3]) -> Self {
+        let place = Place::new();
+        place.call(&["pki", "init"]).well();
+        let issue = |role: &str, holder: &str, minutes: &str| {
+            let words = ["pki", "issue", role, holder, "--vehicle", ROV, "--minutes", minutes];
+            place.call(&words).well();
+        };
+        issue("vehicle", "argus", vehicle);
+        let words = ["serve", "router", "--json", "--listen", &place.socket, "--listen", "tls/localhost:0"];
+        let router = place.start(&[&words[..], &["--credentials", "pki/argus"]].concat());
+        let tls = listening(&router.json(), "tls");
+        let proxy = Proxy::before(&tls);
+        let trial = following(place.path());
+        let serve = |service: &str, endpoint: &str, more: &[&str]| {
+            let words = ["serve", service, "--json", "--vehicle", ROV, "--trial", &trial, "--connect", endpoint];
+            place.start(&[&words[..], more].concat())
+        };
+        let mut services: Vec<Process> =
+            ["estimator", "controller", "plant"].iter().map(|service| serve(service, &place.socket, &[])).collect();
+        let beside = Listener::open(&place.socket, ROV).listen("telemetry/controller");
+        // As late as possible: they begin to end now.
+        issue("recorder", "ben", recorder);
+        issue("guidance", "topside", guidance);
+        services.push(serve("guidance", &proxy.endpoint(), &["--credentials", "pki/topside"]));
+        let mut presence = Inbox::new(Arc::clone(&beside.clock));
+        presence
+            .listen_alive(&beside.session, &format!("supertwin/{ROV}/alive/guidance/*"))
+            .expect("may be listened to");
+        let pilot = RefCell::new(beside.client("pilot"));
+        let split = Self { place, router, tls, guidance: proxy, beside, pilot, presence, _services: services };
+        split.until_guidance_is(true);
+        split.until_tracking();
+        split
+    }
+
+    fn renew(&self, holder: &str, minutes: &str) {
+        self.place.call(&["pki", "renew", holder, "--minutes", minutes]).well();
+    }
+
+    fn ends_s(&self, holder: &str) -> i64 {
+        let file = self.place.path().join(format!("pki/{holder}/{holder}.pem"));
+        pki::read(&file).expect("a certificate").not_after_s
+    }
+
+    fn until_guidance_is(&self, there: bool) {
+        let end = self.beside.clock.now() + LIMIT;
+        let seen = std::iter::from_fn(|| self.presence.next(Some(end))).any(|heard| heard.gone != there);
+        assert!(seen, "guidance is never {}", if there { "there" } else { "gone" });
+    }
+
+    fn until_tracking(&self) {
+        self.beside.until("the vehicle to follow the net", |key, value| {
+            key == "telemetry/controller" && value["data"]["signals"]["controller/status"] == "tracking"
+        });
+    }
+
+    /// Waits, and makes events all the while, until `over`: on the vehicle, and of guidance as far as it hears.
+    fn busy_until(&self, what: &str, over: impl Fn() -> bool) {
+        let mut pilot = self.pilot.borrow_mut();
+        let end = self.beside.clock.now() + LIMIT;
+        while !over() {
+            assert!(self.beside.clock.now() < end, "waited in vain for {what}");
+            pilot.acquire(20.0).expect("is granted");
+            let healthy = json!({ "thruster": 1, "gain": 1.0 });
+            pilot.command("plant", "thruster_gain", healthy, None).expect("the vehicle hears");
+            // Guidance may be cut off just now.
+            let _ = pilot.command("guidance", "depth_m", json!(4.0), None);
+            self.beside.during(Duration::from_millis(50), |_, _| {});
+        }
+    }
+
+    fn now_s(&self) -> i64 {
+        (self.beside.clock.unix_ns() / 1_000_000_000) as i64
+    }
+}
+
+/// Everything that `far` heard is complete, and the vehicle never missed its own services.
+fn nothing_is_lost(split: &Split, far: &Listener) {
+    let mut marked = split.beside.client("marker");
+    marked.command("controller", "neutral", json!(true), None).expect("needs no authority");
+    let mut events = Events::default();
+    far.until("the last event", |key, value| events.enter(key, value).is_some_and(|text| text.contains("by marker")));
+    far.during(Duration::from_millis(700), |key, value| _ = events.enter(key, value));
+    events.are_complete(&["plant", "estimator", "guidance", "controller"]);
+    assert!(events.texts.len() > 20, "{:?}", events.texts);
+    assert!(!events.texts.iter().any(|text| text == "controller: nav_stale"), "{:?}", events.texts);
+}
+
+#[test]
+fn certificates_of_clients_that_end_close_their_links_and_the_renewed_ones_are_back() {
+    let split = Split::start(["60", "0.5", "0.5"]);
+    let ears = Proxy::before(&split.tls);
+    let far = Listener::open_as(Some(split.place.path().join("pki/ben")), &ears.endpoint(), ROV).events();
+    let ends_s = [split.ends_s("topside"), split.ends_s("ben")];
+    // Renewed in time: nobody notices until the old ones end.
+    split.renew("topside", "60");
+    split.renew("ben", "60");
+    // More than one each if the first attempts came too early.
+    let taken = || [split.guidance.taken(), ears.taken()];
+    let before = taken();
+    assert!(ends_s.into_iter().all(|end_s| split.now_s() < end_s), "this machine took too long to start");
+    split.busy_until("both to end", || ends_s.into_iter().all(|end_s| split.now_s() > end_s));
+    split.busy_until("both to connect again", || taken().into_iter().zip(before).all(|(now, before)| now > before));
+    split.until_guidance_is(false);
+    split.until_guidance_is(true);
+    split.until_tracking();
+    nothing_is_lost(&split, &far);
+}
+
+#[test]
+fn a_router_takes_up_its_renewed_certificate_and_one_that_ended_lets_everybody_back_in() {
+    let split = Split::start(["60", "60", "60"]);
+    let ears = Proxy::before(&split.tls);
+    let far = Listener::open_as(Some(split.place.path().join("pki/ben")), &ears.endpoint(), ROV).events();
+
+    // Renewed in time: whoever comes by TLS connects again; the vehicle's own services notice nothing.
+    let taken = || [split.guidance.taken(), ears.taken()];
+    let before = taken();
+    split.renew("argus", "0.25");
+    let says = |text: &str| split.router.errors().contains(text);
+    split.busy_until("the router to say so", || says("in force until"));
+    split.until_guidance_is(false);
+    split.until_guidance_is(true);
+    split.busy_until("both to connect again", || taken().into_iter().zip(before).all(|(now, before)| now > before));
+    split.until_tracking();
+
+    // Not renewed in time: it closes the links, and nobody believes it any more.
+    let ends_s = split.ends_s("argus");
+    split.busy_until("its certificate to end", || split.now_s() > ends_s);
+    split.until_guidance_is(false);
+    split.busy_until("the router to say so", || says("has expired: nobody can connect"));
+    let late = split.place.call(&["top", "--connect", &split.tls, "--credentials", "pki/ben"]);
+    assert!(late.code == Some(2) && late.err.contains("its certificate has expired"), "{late:?}");
+    split.renew("argus", "60");
+    let taken_up = || split.router.errors().matches("in force until").count();
+    split.busy_until("the router to take it up", || taken_up() == 2);
+    split.until_tracking();
+    nothing_is_lost(&split, &far);
+}
+
+#[test]
+fn a_stranger_is_told_why_and_a_half_copied_certificate_changes_nothing() {
+    let place = Place::new();
+    for folder in ["pki", "other"] {
+        place.call(&["pki", "init", "--dir", folder]).well();
+        place.call(&["pki", "issue", "observer", "ben", "--vehicle", ROV, "--dir", folder]).well();
+    }
+    place.call(&["pki", "issue", "vehicle", "argus", "--vehicle", ROV]).well();
+    let words = ["serve", "router", "--json", "--listen", "tls/127.0.0.1:0", "--credentials", "pki/argus"];
+    let router = place.start(&words);
+    let said = router.json();
+    let tls = listening(&said, "tls");
+    assert_eq!(said["listening"].as_array().map(Vec::len), Some(1), "the router's own socket is its own: {said}");
+    let list = |endpoint: &str, credentials: &str| {
+        place.call(&["list", "--for", "0.2", "--connect", endpoint, "--credentials", credentials])
+    };
+    list(&tls, "pki/ben").well();
+    let other = list(&tls, "other/ben");
+    assert!(other.code == Some(2) && other.err.contains("of another authority"), "{other:?}");
+    let port = tls.rsplit_once(':').expect("a port").1;
+    let misnamed = list(&format!("tls/0.0.0.0:{port}"), "pki/ben");
+    assert!(misnamed.code == Some(2) && misnamed.err.contains("does not name this host"), "{misnamed:?}");
+    let none = place.call(&["list", "--for", "0.2", "--connect", &tls]);
+    assert!(none.code == Some(2) && none.err.contains("give --credentials"), "{none:?}");
+
+    let certificate = place.path().join("pki/argus/argus.pem");
+    let whole = std::fs::read(&certificate).expect("is there");
+    std::fs::write(&certificate, &whole[..100]).expect("is ours");
+    router_says(&router, "the certificate in force stays");
+    list(&tls, "pki/ben").well();
+    std::fs::write(&certificate, &whole).expect("is ours");
+    router_says(&router, "in force until");
+    list(&tls, "pki/ben").well();
+}
+
+fn router_says(router: &Process, text: &str) {
+    let clock = SystemClock::start();
+    while !router.errors().contains(text) {
+        assert!(clock.now() < LIMIT, "never said {text}: {}", router.errors());
+        std::thread::park_timeout(Duration::from_millis(20));
+    }
+}

@@ -1,0 +1,441 @@
+//! Replay for real: what was recorded in one process, in lock step and in real time comes back bit for bit; what was tampered
+//! with is found; a what-if is a recording like any other.
+
+mod support;
+
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use supertwin_core::run::Properties;
+use supertwin_core::{Event, Probe, RunHeader, RunSink, Signal, SinkError, Tick};
+use supertwin_lab::{Library, trial};
+use supertwin_rerun::{Options, Recording, RerunSink, read};
+use support::{CONFIG, Ended, Listener, Place, Process, Proxy, SERVICES, following, listening};
+
+/// The vehicle's name in these tests.
+const ROV: &str = "rov";
+
+/// Runs `trial` in one process and gives its recording.
+fn recorded(place: &Place, trial: &str, more: &[&str]) -> PathBuf {
+    place.call(&[&["run", trial, "--out", trial, "--json"], more].concat()).well();
+    only_file(&place.path().join(trial))
+}
+
+/// The only recording in a folder, without its further parts.
+fn only_file(folder: &Path) -> PathBuf {
+    let files: Vec<PathBuf> = std::fs::read_dir(folder)
+        .expect("a folder")
+        .map(|entry| entry.expect("an entry").path())
+        .filter(|path| !path.display().to_string().contains(".part"))
+        .collect();
+    assert_eq!(files.len(), 1, "{files:?}");
+    files[0].clone()
+}
+
+fn replay(place: &Place, file: &Path, more: &[&str]) -> Ended {
+    place.call(&[&["replay", &file.display().to_string(), "--json"], more].concat())
+}
+
+/// Verified: every block of these was compared at every step, and nothing differs.
+fn verified(place: &Place, file: &Path, blocks: &[&str]) -> Value {
+    let report = replay(place, file, &["--verify"]).well().json()["verification"].clone();
+    assert_eq!(report["equal"], true, "{report}");
+    let found: Vec<&str> =
+        report["blocks"].as_array().expect("blocks").iter().filter_map(|block| block["service"].as_str()).collect();
+    assert_eq!(found, blocks);
+    report
+}
+
+/// Every step of a block was compared.
+fn wholly_compared(report: &Value) {
+    for block in report["blocks"].as_array().expect("blocks") {
+        assert_eq!(block["steps"], block["compared"], "{block}");
+        assert!(
+            block["steps"].as_u64() > Some(100) && block["inexact"].as_array().is_some_and(Vec::is_empty),
+            "{block}"
+        );
+    }
+}
+
+#[test]
+fn recordings_of_one_process_repeat_bit_for_bit() {
+    let place = Place::new();
+    for (trial, more) in [
+        ("paper-agsta", &["--set", "trial.duration_s=40"][..]),
+        ("tether-cut", &[]),
+        ("hand-over", &["--seed", "3"]),
+        ("external", &["--set", "trial.duration_s=40"]),
+    ] {
+        let file = recorded(&place, trial, more);
+        let report = verified(&place, &file, &SERVICES);
+        wholly_compared(&report);
+        assert_eq!(report["hash"], true, "{trial}");
+        // The chain from a block on repeats as well.
+        for from in ["estimator", "guidance", "controller"] {
+            let report = replay(&place, &file, &["--verify", "--from", from]).well().json();
+            assert_eq!(report["verification"]["equal"], true, "{trial} from {from}");
+        }
+    }
+}
+
+/// Keeps a run, but for one bit or one word of it.
+struct Tamper<S> {
+    sink: S,
+    at: u64,
+    signal: &'static str,
+    now: u64,
+    done: bool,
+    /// Of the properties.
+    change: fn(&mut Properties),
+}
+
+impl<S: RunSink> Tamper<S> {
+    fn new(sink: S, at: u64, signal: &'static str) -> Self {
+        Self { sink, at, signal, now: 0, done: false, change: |_| {} }
+    }
+}
+
+impl<S: RunSink> Probe for Tamper<S> {
+    fn vector(&mut self, signal: &'static Signal, values: &[f64]) {
+        let mut values = values.to_vec();
+        if self.now == self.at && signal.path == self.signal {
+            values[1] = f64::from_bits(values[1].to_bits() ^ 1);
+            self.done = true;
+        }
+        self.sink.vector(signal, &values);
+    }
+    fn label(&mut self, signal: &'static Signal, value: &'static str) {
+        let tampered = self.now == self.at && signal.path == self.signal;
+        self.done |= tampered;
+        self.sink.label(signal, if tampered { "neutral" } else { value });
+    }
+}
+
+impl<S: RunSink> RunSink for Tamper<S> {
+    fn begin(&mut self, header: &RunHeader) -> Result<(), SinkError> {
+        let mut header = header.clone();
+        (self.change)(&mut header.properties);
+        self.sink.begin(&header)
+    }
+    fn tick(&mut self, tick: Tick) -> Result<(), SinkError> {
+        self.now = tick.k;
+        self.sink.tick(tick)
+    }
+    fn event(&mut self, event: &Event) -> Result<(), SinkError> {
+        self.sink.event(event)
+    }
+    fn finish(&mut self, results: &Properties) -> Result<(), SinkError> {
+        self.sink.finish(results)
+    }
+}
+
+/// A recording of a short run that was tampered with.
+fn tampered(file: &Path, name: &str, change: impl FnOnce(&mut Tamper<RerunSink>)) -> bool {
+    let sets = ["trial.duration_s=30", "trial.score.from_s=5"].map(|set| set.parse().expect("legal"));
+    let library = Library::new(CONFIG, sets.to_vec());
+    let trial = trial::load(&library, name).expect("is legal").swap_remove(0);
+    let sink = RerunSink::create(file, Options::default()).expect("is created");
+    let mut sink = Tamper::new(sink, u64::MAX, "");
+    change(&mut sink);
+    supertwin_lab::run(&trial, 1, &mut sink, Some(&Properties::new()), |_| true).expect("runs");
+    sink.done
+}
+
+#[test]
+fn what_was_tampered_with_is_found_with_its_tick_and_its_signal() {
+    let place = Place::new();
+    for (i, (tick, signal, component)) in [
+        (700, "estimator/nav/pose", "heading"),
+        (701, "controller/thrust/requested", "sway"),
+        (702, "controller/status", ""),
+        (703, "plant/truth/pose", "east"),
+        (704, "guidance/reference/mode", ""),
+        // What the estimator hears is wrong, so that it is the estimator that differs.
+        (705, "plant/measurements/dvl_range", "beam2"),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        let file = place.path().join(format!("tampered{i}.rrd"));
+        // A ping comes at every sixth tick or so.
+        let mut at = tick;
+        while !tampered(&file, "paper-gsta", |sink| (sink.at, sink.signal) = (at, signal)) {
+            std::fs::remove_file(&file).expect("is removed");
+            at += 1;
+        }
+        let ended = replay(&place, &file, &["--verify"]);
+        assert_eq!(ended.code, Some(1), "{ended:?}");
+        let first = ended.json()["verification"]["first"].clone();
+        assert_eq!((&first["tick"], &first["signal"]), (&Value::from(at), &Value::from(signal)), "{first}");
+        assert_eq!(first["component"], component, "{first}");
+        let said = place.call(&["replay", &file.display().to_string(), "--verify"]);
+        assert_eq!(said.code, Some(1));
+        assert!(said.out.contains(&format!("First difference: tick {at}: {signal}")), "{said:?}");
+    }
+}
+
+/// Signals of the four services and of their links.
+fn signals(recording: &Recording) -> BTreeMap<&String, (&Vec<i64>, Vec<u64>)> {
+    let of_the_run = |path: &&String| !path.starts_with("derived/");
+    let bits = |values: &[f64]| values.iter().map(|x| x.to_bits()).collect();
+    recording
+        .signals
+        .iter()
+        .filter(|(path, _)| of_the_run(path))
+        .map(|(path, columns)| (path, (&columns.tick, bits(&columns.values))))
+        .collect()
+}
+
+#[test]
+fn a_what_if_is_a_recording_like_any_other() {
+    let place = Place::new();
+    let file = recorded(&place, "paper-pid", &["--set", "trial.duration_s=40"]);
+    let original = read(&file).expect("is read");
+
+    // Nothing changed: the same run.
+    let report = replay(&place, &file, &["--out", "same.rrd"]).well().json();
+    assert_eq!(report["unchanged"]["equal"], true, "{report}");
+    let same = read(&place.path().join("same.rrd")).expect("is read");
+    assert!(same.complete && same.labels.keys().eq(original.labels.keys()));
+    let (left, right) = (signals(&same), signals(&original));
+    assert!(left.keys().eq(right.keys()), "{:?} {:?}", left.keys(), right.keys());
+    for (path, columns) in &left {
+        assert!(columns == &right[path], "{path}");
+    }
+    for (path, labels) in original.labels.iter().filter(|(path, _)| !path.starts_with("derived/")) {
+        assert_eq!(labels, &same.labels[path], "{path}");
+    }
+    let scores = |recording: &Recording| {
+        let mut result = recording.properties["result"].clone();
+        result.retain(|name, _| !["hash", "warnings", "ticks", "complete"].contains(&name.as_str()));
+        result
+    };
+    assert_eq!(scores(&same), scores(&original));
+
+    // Another law: other thrust, the same vehicle.
+    let report = replay(&place, &file, &["--controller", "agsta"]).well().json();
+    assert_eq!((report["from"].as_str(), report["refused"].as_array().map(Vec::len)), (Some("controller"), Some(0)));
+    let most = report["largest_difference_of_the_requested_wrench"][1].as_f64().expect("a number");
+    assert!(most > 1.0 && most < 500.0, "{report}");
+    let written = PathBuf::from(report["out"].as_str().expect("a path"));
+    assert_eq!(written, file.with_extension("replay.rrd"));
+    let what_if = read(&written).expect("is read");
+    let other = |path: &str| what_if.signals[path].values != original.signals[path].values;
+    assert!(other("controller/thrust/force") && !other("estimator/nav/pose") && !other("plant/truth/pose"));
+    assert!(what_if.signals.contains_key("controller/k1"), "it adapts");
+    let run = &what_if.properties["run"];
+    assert_eq!((&run["replay_of"], &run["law"]), (&original.name.as_str().into(), &"agsta".into()));
+    assert_eq!(run["replay_changed"], "controller agsta".into());
+    let shown = place.call(&["show", &written.display().to_string(), "--json"]).well().json();
+    assert_eq!(shown["scores"]["equal"], true, "{:?}", shown["scores"]);
+    assert_eq!(shown["complete"], true);
+
+    // From the estimator on: what it finds is different, and so is everything behind it.
+    let sets = ["--set", "estimator.measurement.dvl.std=0.2", "--out", "dvl.rrd"];
+    let report = replay(&place, &file, &sets).well().json();
+    assert_eq!(report["from"], "estimator");
+    let dvl = read(&place.path().join("dvl.rrd")).expect("is read");
+    for path in ["estimator/nav/velocity", "guidance/reference/velocity", "controller/thrust/requested"] {
+        assert!(dvl.signals[path].values != original.signals[path].values, "{path}");
+    }
+    assert!(dvl.signals["plant/measurements/depth"].values == original.signals["plant/measurements/depth"].values);
+
+    // Nothing is ever replaced unasked.
+    let again = replay(&place, &file, &["--controller", "agsta"]);
+    assert!(again.code == Some(2) && again.err.contains("exists already"), "{again:?}");
+    replay(&place, &file, &["--controller", "agsta", "--force"]).well();
+    let itself = replay(&place, &file, &["--out", &file.display().to_string(), "--force"]);
+    assert!(itself.code == Some(2) && itself.err.contains("is the recording itself"), "{itself:?}");
+}
+
+/// Root-mean-square difference of one component between two recordings after `from`.
+fn deviation(a: &Recording, b: &Recording, path: &str, component: usize, from: i64) -> f64 {
+    let (a, b) = (&a.signals[path], &b.signals[path]);
+    let both: Vec<f64> = a
+        .tick
+        .iter()
+        .filter(|tick| **tick >= from)
+        .filter_map(|&tick| Some(a.at(tick)?[component] - b.at(tick)?[component]))
+        .collect();
+    assert!(both.len() > 1000, "{path}");
+    (both.iter().map(|x| x * x).sum::<f64>() / both.len() as f64).sqrt()
+}
+
+#[test]
+fn a_closed_loop_with_nothing_changed_stays_near_what_was_recorded() {
+    let place = Place::new();
+    for trial in ["paper-gsta", "paper-agsta", "paper-pid"] {
+        let file = recorded(&place, trial, &[]);
+        let report = replay(&place, &file, &["--closed-loop"]).well().json();
+        assert_eq!((&report["complete"], &report["disturbance_held_ticks"]), (&true.into(), &0.into()), "{report}");
+        let written = PathBuf::from(report["out"].as_str().expect("a path"));
+        assert_eq!(written, file.with_extension("closed-loop.rrd"));
+        let (closed, original) = (read(&written).expect("is read"), read(&file).expect("is read"));
+        assert!(closed.complete);
+        let off = |path: &str, component: usize| deviation(&closed, &original, path, component, 500);
+        let (distance_m, depth_m) = (off("plant/truth/net", 0), off("plant/truth/pose", 2));
+        let (sway_m_per_s, surge_n) = (off("plant/truth/velocity", 1), off("controller/thrust/requested", 0));
+        println!("{trial}: {distance_m} m {depth_m} m {sway_m_per_s} m/s {surge_n} N");
+        assert!(
+            distance_m < 0.5 && depth_m < 0.2 && sway_m_per_s < 0.1,
+            "{trial}: {distance_m} {depth_m} {sway_m_per_s}"
+        );
+        let shown = place.call(&["show", &written.display().to_string(), "--json"]).well().json();
+        assert_eq!(shown["scores"]["equal"], true, "{:?}", shown["scores"]);
+        // Another law in the same water.
+        let report =
+            replay(&place, &file, &["--closed-loop", "--controller", "pid-tuned", "--out", "other"]).well().json();
+        assert_eq!(report["changed"][0], "controller pid-tuned");
+    }
+}
+
+#[test]
+fn a_recording_in_lock_step_repeats_bit_for_bit() {
+    let place = Place::new();
+    let short = ["--set", "trial.duration_s=10", "--set", "trial.score.from_s=2"];
+    let words = ["up", "paper-agsta", "--json", "--vehicle", ROV, "--listen", &place.socket, "--pace", "lockstep"];
+    place.call(&[&words, &["--record", "net"][..], &short].concat()).well();
+    let file = only_file(&place.path().join("net"));
+    let report = verified(&place, &file, &SERVICES);
+    wholly_compared(&report);
+    assert_eq!(report["hash"], true);
+    assert_eq!(
+        report["rebuilt"].as_object().map(serde_json::Map::len),
+        Some(0),
+        "every message has its bytes: {report}"
+    );
+    let report = replay(&place, &file, &["--controller", "pid", "--out", "pid.rrd"]).well().json();
+    assert_eq!(report["unchanged"]["equal"], true);
+    let shown = place.call(&["show", "pid.rrd", "--json"]).well().json();
+    assert_eq!(shown["scores"]["equal"], true, "{:?}", shown["scores"]);
+    // A replay is no original.
+    let twice = replay(&place, Path::new("pid.rrd"), &["--verify"]);
+    assert!(twice.code == Some(2) && twice.err.contains("is a replay itself"), "{twice:?}");
+}
+
+/// Waits until a service has stepped `ticks` times more, as others hear it.
+fn passes(listener: &Listener, service: &str, ticks: u64) {
+    let (key, mut heard) = (format!("telemetry/{service}"), 0);
+    listener.until(&format!("{service} to step"), |heard_key, _| {
+        heard += u64::from(heard_key == key);
+        heard >= ticks
+    });
+}
+
+#[test]
+fn a_recording_in_real_time_with_a_cut_tether_and_a_killed_controller_repeats_bit_for_bit() {
+    let place = Place::new();
+    let trial = following(place.path());
+    let router = place.start(&["serve", "router", "--json", "--listen", &place.socket, "--listen", "tcp/127.0.0.1:0"]);
+    let proxy = Proxy::before(&listening(&router.json(), "tcp"));
+    let mut recorder =
+        place.start(&["record", "--json", "--once", "--out", "net", "--vehicle", ROV, "--connect", &place.socket]);
+    recorder.json();
+    let serve = |service: &str, endpoint: &str| -> Process {
+        place.start(&["serve", service, "--json", "--vehicle", ROV, "--trial", &trial, "--connect", endpoint])
+    };
+    let topside = proxy.endpoint();
+    let mut services: BTreeMap<&str, Process> = BTreeMap::new();
+    for service in ["estimator", "guidance", "controller", "plant"] {
+        services.insert(service, serve(service, if service == "guidance" { &topside } else { &place.socket }));
+    }
+    let listener = Listener::open(&place.socket, ROV).listen("telemetry/*");
+    passes(&listener, "controller", 150);
+    let mut pilot = listener.client("pilot");
+    pilot.acquire(20.0).expect("is granted");
+    pilot.command("guidance", "depth_m", serde_json::json!(4.5), None).expect("is scheduled");
+    pilot.command("controller", "parameter", serde_json::json!({"path": "fallback.depth.kp", "value": 1.0}), None).ok();
+    passes(&listener, "guidance", 50);
+    proxy.cut(true);
+    passes(&listener, "controller", 120);
+    proxy.cut(false);
+    passes(&listener, "guidance", 150);
+    services.get_mut("controller").expect("runs").kill();
+    passes(&listener, "guidance", 60);
+    services.insert("controller", serve("controller", &place.socket));
+    passes(&listener, "controller", 150);
+    recorder.signal("TERM");
+    recorder.finish().well();
+
+    let file = only_file(&place.path().join("net"));
+    let ended = replay(&place, &file, &["--verify"]);
+    let report = ended.json()["verification"].clone();
+    assert_eq!((ended.code, &report["equal"]), (Some(0), &Value::from(true)), "{report}");
+    for block in report["blocks"].as_array().expect("blocks") {
+        let starts = if block["service"] == "controller" { 2 } else { 1 };
+        assert_eq!(block["instances"], starts, "{block}");
+        assert_eq!(block["steps"], block["compared"], "every step, also those of the outage: {block}");
+        assert!(block["steps"].as_u64() > Some(400), "{block}");
+    }
+    // What if another law had been in command, then and after the restart?
+    let report = replay(&place, &file, &["--controller", "agsta", "--out", "agsta.rrd"]).well().json();
+    assert_eq!(report["unchanged"]["equal"], true);
+    let (what_if, original) = (read(&place.path().join("agsta.rrd")), read(&file).expect("is read"));
+    let what_if = what_if.expect("is read");
+    let path = "controller/thrust/requested";
+    assert!(what_if.signals[path].tick == original.signals[path].tick);
+    assert!(what_if.signals[path].values != original.signals[path].values);
+    let shown = place.call(&["show", "agsta.rrd", "--json"]).well().json();
+    assert_eq!(shown["scores"]["equal"], true, "{:?}", shown["scores"]);
+}
+
+#[test]
+fn recordings_that_can_not_be_replayed_are_named() {
+    let place = Place::new();
+    let refused = |file: &Path, more: &[&str], words: &[&str]| {
+        let ended = replay(
+            &place,
+            file,
+            &[more, &["--out", "none.rrd"][usize::from(more.contains(&"--verify")) * 2..]].concat(),
+        );
+        assert_eq!(ended.code, Some(2), "{ended:?}");
+        for word in words {
+            assert!(ended.err.contains(word), "{word} in {ended:?}");
+        }
+        assert!(!place.path().join("none.rrd").exists(), "nothing is left behind: {words:?}");
+    };
+    refused(Path::new("nowhere.rrd"), &["--verify"], &["nowhere.rrd"]);
+    std::fs::write(place.path().join("text.rrd"), "not a recording").expect("is written");
+    refused(&place.path().join("text.rrd"), &["--verify"], &["text.rrd", "not a recording"]);
+
+    let bare = place.path().join("bare.rrd");
+    tampered(&bare, "paper-gsta", |sink| sink.change = |run| drop(run.remove("config")));
+    refused(&bare, &["--verify"], &["bare.rrd", "property config is not there"]);
+    let seedless = place.path().join("seedless.rrd");
+    tampered(&seedless, "paper-gsta", |sink| sink.change = |run| drop(run.remove("seed")));
+    refused(&seedless, &["--verify"], &["seedless.rrd", "property seed is not there"]);
+    let other = place.path().join("other.rrd");
+    tampered(&other, "paper-gsta", |sink| {
+        sink.change = |run| {
+            let library = Library::new(CONFIG, Vec::new());
+            let other = trial::load(&library, "bluerov2").expect("is legal").swap_remove(0);
+            run.insert("config".to_owned(), other.text.into());
+        }
+    });
+    refused(&other, &["--verify"], &["other.rrd", "of another vehicle", "6 components", "8 thrusters"]);
+
+    let good = place.path().join("good.rrd");
+    tampered(&good, "paper-gsta", |_| {});
+    verified(&place, &good, &SERVICES);
+    let bytes = std::fs::read(&good).expect("is read");
+    let half = place.path().join("half.rrd");
+    std::fs::write(&half, &bytes[..bytes.len() * 9 / 10]).expect("is written");
+    refused(&half, &["--verify"], &["half.rrd", "supertwin repair", "can be replayed"]);
+    place.call(&["repair", "half.rrd", "--json"]).well();
+    let report = replay(&place, &place.path().join("half.repaired.rrd"), &["--verify"]).well().json();
+    assert_eq!(report["verification"]["equal"], true, "what is left repeats");
+
+    // Changes that have no effect here.
+    refused(&good, &["--set", "environment.waves.significant_height_m=0.3"], &["concerns the plant", "--closed-loop"]);
+    refused(&good, &["--closed-loop", "--set", "environment.waves.significant_height_m=0.3"], &["takes its place"]);
+    refused(&good, &["--set", "trial.seed=3"], &["trial.seed=3", "what was recorded"]);
+    refused(
+        &good,
+        &["--from", "controller", "--set", "estimator.measurement.dvl.std=0.1"],
+        &["concerns the estimator", "--from controller"],
+    );
+    refused(&good, &["--set", "controller.law.pid.kp.surge=1"], &["another law"]);
+    refused(&good, &["--set", "estimator.measurement.dvl.std=-1"], &["dvl.std", "must be positive"]);
+    refused(&good, &["--controller", "agst"], &["no such controller", "agsta"]);
+    refused(&good, &["--verify", "--set", "guidance.lookahead_m=3"], &["cannot be used with"]);
+}

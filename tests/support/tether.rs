@@ -1,0 +1,198 @@
+//! A tether to be cut: a TCP proxy that cuts, stalls and delays, and a cable between two network namespaces.
+
+use std::io::{Read, Write};
+use std::net::{Shutdown, TcpListener, TcpStream};
+use std::process::{Command, Stdio};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, mpsc};
+use std::time::Duration;
+use supertwin_zenoh::{Clock, SystemClock};
+
+/// A TCP proxy that cuts, stalls and delays.
+pub struct Proxy {
+    state: Arc<ProxyState>,
+    /// In front of the port: `tcp/127.0.0.1` or `tls/localhost`.
+    host: &'static str,
+    port: u16,
+}
+
+struct ProxyState {
+    target: String,
+    taken: AtomicU64,
+    cut: AtomicBool,
+    stalled: AtomicBool,
+    delay_ms: AtomicU64,
+    open: Mutex<Vec<TcpStream>>,
+    clock: SystemClock,
+}
+
+impl Proxy {
+    /// In front of `endpoint`, `tcp/HOST:PORT` or `tls/HOST:PORT`.
+    pub fn before(endpoint: &str) -> Self {
+        let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
+        let port = listener.local_addr().expect("bound").port();
+        let (protocol, target) = endpoint.split_once('/').expect("a protocol");
+        // A certificate names hosts.
+        let host = if protocol == "tls" { "tls/localhost" } else { "tcp/127.0.0.1" };
+        let state = Arc::new(ProxyState {
+            target: target.to_owned(),
+            taken: AtomicU64::new(0),
+            cut: AtomicBool::new(false),
+            stalled: AtomicBool::new(false),
+            delay_ms: AtomicU64::new(0),
+            open: Mutex::new(Vec::new()),
+            clock: SystemClock::start(),
+        });
+        let shared = Arc::clone(&state);
+        std::thread::spawn(move || {
+            for near in listener.incoming().flatten() {
+                if shared.cut.load(Ordering::SeqCst) {
+                    continue;
+                }
+                let Ok(far) = TcpStream::connect(&shared.target) else { continue };
+                shared.taken.fetch_add(1, Ordering::SeqCst);
+                let pair =
+                    |a: &TcpStream, b: &TcpStream| (a.try_clone().expect("clones"), b.try_clone().expect("clones"));
+                let mut open = shared.open.lock().expect("not poisoned");
+                open.extend([near.try_clone().expect("clones"), far.try_clone().expect("clones")]);
+                drop(open);
+                for (from, to) in [pair(&near, &far), pair(&far, &near)] {
+                    forward(from, to, Arc::clone(&shared));
+                }
+            }
+        });
+        Self { state, host, port }
+    }
+
+    /// Connections that were made through it so far.
+    pub fn taken(&self) -> u64 {
+        self.state.taken.load(Ordering::SeqCst)
+    }
+
+    /// Where to connect instead.
+    pub fn endpoint(&self) -> String {
+        format!("{}:{}", self.host, self.port)
+    }
+
+    /// Breaks all connections and takes no new ones, or takes them again.
+    pub fn cut(&self, cut: bool) {
+        self.state.cut.store(cut, Ordering::SeqCst);
+        if cut {
+            for stream in self.state.open.lock().expect("not poisoned").drain(..) {
+                // It may have ended by itself.
+                let _ = stream.shutdown(Shutdown::Both);
+            }
+        }
+    }
+
+    /// Keeps connections open and forwards nothing, or goes on.
+    pub fn stall(&self, stalled: bool) {
+        self.state.stalled.store(stalled, Ordering::SeqCst);
+    }
+
+    /// Holds everything back for so long, in each direction.
+    pub fn delay(&self, delay: Duration) {
+        let ms = u64::try_from(delay.as_millis()).expect("short");
+        self.state.delay_ms.store(ms, Ordering::SeqCst);
+    }
+}
+
+fn forward(mut from: TcpStream, mut to: TcpStream, state: Arc<ProxyState>) {
+    let (send, receive) = mpsc::channel::<(Duration, Vec<u8>)>();
+    let reading = Arc::clone(&state);
+    std::thread::spawn(move || {
+        let mut buffer = [0; 16 * 1024];
+        while let Ok(n @ 1..) = from.read(&mut buffer) {
+            while reading.stalled.load(Ordering::SeqCst) {
+                std::thread::park_timeout(Duration::from_millis(2));
+            }
+            let due = reading.clock.now() + Duration::from_millis(reading.delay_ms.load(Ordering::SeqCst));
+            if send.send((due, buffer[..n].to_vec())).is_err() {
+                break;
+            }
+        }
+    });
+    std::thread::spawn(move || {
+        for (due, bytes) in receive {
+            loop {
+                let left = due.saturating_sub(state.clock.now());
+                if left.is_zero() {
+                    break;
+                }
+                std::thread::park_timeout(left);
+            }
+            if to.write_all(&bytes).is_err() {
+                break;
+            }
+        }
+        let _ = to.shutdown(Shutdown::Both);
+    });
+}
+
+/// Two network namespaces joined by a cable, if the machine allows it.
+pub struct Cable {
+    pub vehicle: String,
+    pub topside: String,
+    subnet: u8,
+}
+
+impl Cable {
+    /// `None` where namespaces are refused.
+    pub fn lay() -> Option<Self> {
+        static NEXT: AtomicU64 = AtomicU64::new(0);
+        let number = u64::from(std::process::id()) * 8 + NEXT.fetch_add(1, Ordering::SeqCst);
+        let subnet = u8::try_from(number % 250).expect("small");
+        let cable = Self { vehicle: format!("stv{number}"), topside: format!("stt{number}"), subnet };
+        for name in [&cable.vehicle, &cable.topside] {
+            if !ip(&["netns", "add", name]) {
+                return None;
+            }
+        }
+        let (v, t) = (format!("sv{number}"), format!("st{number}"));
+        let laid = ip(&[
+            "link",
+            "add",
+            &v,
+            "netns",
+            &cable.vehicle,
+            "type",
+            "veth",
+            "peer",
+            "name",
+            &t,
+            "netns",
+            &cable.topside,
+        ]) && [(&cable.vehicle, &v, 1), (&cable.topside, &t, 2)].into_iter().all(|(name, device, host)| {
+            let address = format!("10.77.{subnet}.{host}/24");
+            ip(&["-n", name, "addr", "add", &address, "dev", device])
+                && ip(&["-n", name, "link", "set", device, "up"])
+                && ip(&["-n", name, "link", "set", "lo", "up"])
+        });
+        laid.then_some(cable)
+    }
+
+    /// The vehicle's address.
+    pub fn address(&self) -> String {
+        format!("10.77.{}.1", self.subnet)
+    }
+
+    /// Pulls the plug topside, or puts it back.
+    pub fn plug(&self, plugged: bool) {
+        let device = self.topside.replace("stt", "st");
+        let state = if plugged { "up" } else { "down" };
+        assert!(ip(&["-n", &self.topside, "link", "set", &device, state]), "the cable can be {state}");
+    }
+}
+
+impl Drop for Cable {
+    fn drop(&mut self) {
+        for name in [&self.vehicle, &self.topside] {
+            ip(&["netns", "del", name]);
+        }
+    }
+}
+
+fn ip(words: &[&str]) -> bool {
+    let done = Command::new("ip").args(words).stdout(Stdio::null()).stderr(Stdio::null()).status();
+    done.is_ok_and(|status| status.success())
+}
