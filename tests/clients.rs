@@ -297,6 +297,7 @@ fn hostile_clients_change_nothing_crash_nothing_and_leave_a_trace() {
     // The attacks, while the twin is watched.
     let done = twin.client("hostile", &["--holder", "anna"]).finish().well();
     assert_eq!(done.out.lines().count(), 12, "{done:?}");
+    let mut flood = 0;
     for line in done.out.lines() {
         let report: Value = serde_json::from_str(line).unwrap();
         let count = |what: &str| report[what].as_u64().unwrap_or(0);
@@ -305,7 +306,10 @@ fn hostile_clients_change_nothing_crash_nothing_and_leave_a_trace() {
             // Nobody is there, or a key that nobody serves.
             "wrong_vehicle" => assert_eq!((count("asked"), count("refused")), (4, 0), "{line}"),
             "garbage_requests" => assert!(count("refused") + 1 >= count("asked"), "{line}"),
-            "command_flood" => assert_eq!(count("refused"), 1, "{line}"),
+            "command_flood" => {
+                assert_eq!(count("refused"), 1, "{line}");
+                flood = count("asked");
+            }
             _ => assert_eq!(count("refused"), count("asked"), "{line}"),
         }
     }
@@ -351,8 +355,7 @@ fn hostile_clients_change_nothing_crash_nothing_and_leave_a_trace() {
         let count = |what: &str| health[what].as_u64().unwrap();
         let late = count("deadline_misses") + count("skipped") + count("late_triggers");
         assert!(count("steps") > 300 && late * 10 < count("steps"), "{service}: {health}");
-        // More was asked than is looked at, and none of that is done within a step: its median is far below a tick.
-        assert!(health["overflow"][1].as_u64() > Some(0), "{service}: no flood: {health}");
+        // None of the attack is done within a step: its median is far below a tick.
         assert!(health["step_us"][0].as_f64() < Some(2000.0), "{service}: {health}");
         assert!(count("refused") > 0 && count("not_finite") == 0, "{service}: {health}");
         for (wire, input) in health["inputs"].as_object().unwrap() {
@@ -361,7 +364,10 @@ fn hostile_clients_change_nothing_crash_nothing_and_leave_a_trace() {
             assert!(traced && rivals && input["takeovers"] == 0, "{service} {wire}: {input}");
         }
     }
-    assert!(health["guidance"]["commands"]["refused"].as_u64().unwrap() > 1000);
+    // What was asked in the flood was refused or found no room, as fast as this machine is; either is counted.
+    let [refused, no_room] =
+        [&health["guidance"]["commands"]["refused"], &health["guidance"]["overflow"][1]].map(|n| n.as_u64().unwrap());
+    assert!(refused > 1000 && (refused + no_room) * 2 > flood, "{flood} asked, {refused} refused, {no_room} no room");
     assert!(health["guidance"]["setpoints"][1].as_u64().unwrap() > 1000, "streams were refused");
     assert!(health["controller"]["refused"].as_u64().unwrap() > 30, "leases were refused");
     assert!(twin.process.is_up());
