@@ -3,6 +3,7 @@
 //! Rerun's own decoder ends at the first damage. Here a message that can't be read costs that message: the next one is
 //! where the damaged one says that it ends, or else is looked for byte by byte.
 
+use crate::{RECORDER_CLOCK, SENDER_CLOCK, TICK, TIME};
 use re_protos::log_msg::v1alpha1::log_msg::Msg;
 use rerun::external::arrow::ipc::root_as_message;
 use rerun::external::re_log_encoding::external::lz4_flex;
@@ -10,6 +11,7 @@ use rerun::external::re_log_encoding::{
     CachingApplicationIdInjector, Compression, Decodable, DecoderEntrypoint, EncodingOptions, MessageHeader,
     MessageKind, RRD_FOURCC, RawRrdManifest, StreamFooter, StreamHeader, ToApplication,
 };
+use rerun::external::re_log_types::TimeType;
 use rerun::log::{Chunk, LogMsg};
 use std::cell::Cell;
 use std::io::{self, Read, Seek, SeekFrom};
@@ -307,10 +309,36 @@ fn decode(
     Ok(match &message {
         LogMsg::ArrowMsg(_, arrow) => {
             let chunk = Chunk::from_arrow_msg(arrow).map_err(|error| text(&error))?;
+            check_names(&chunk)?;
             Piece::Chunk(Box::new(message), Box::new(chunk))
         }
         _ => Piece::Message(Box::new(message)),
     })
+}
+
+/// Rerun reads a damaged name and can't list it: of two archetypes for one component, or two types for one timeline, the
+/// list at the end of a file has one, and a file with such a list is refused as a whole.
+fn check_names(chunk: &Chunk) -> Result<(), String> {
+    for described in chunk.components().component_descriptors() {
+        if let Some(archetype) = described.archetype {
+            let field =
+                described.component.strip_prefix(archetype.short_name()).and_then(|rest| rest.strip_prefix(':'));
+            field.ok_or_else(|| format!("{} is no component of {archetype}", described.component))?;
+        }
+    }
+    for times in chunk.timelines().values() {
+        let timeline = times.timeline();
+        let right = match timeline.name().as_str() {
+            TICK => TimeType::Sequence,
+            TIME => TimeType::DurationNs,
+            SENDER_CLOCK | RECORDER_CLOCK => TimeType::TimestampNs,
+            _ => continue,
+        };
+        if timeline.typ() != right {
+            return Err(format!("timeline {} is a {}, no {right}", timeline.name(), timeline.typ()));
+        }
+    }
+    Ok(())
 }
 
 /// Arrow asks for as much memory as a message says that it takes: none may say more than there is.
