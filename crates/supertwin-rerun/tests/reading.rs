@@ -414,3 +414,33 @@ fn a_table_of_any_other_array_is_no_signal() {
     assert!(!recording.signals.contains_key("test/odd"));
     assert!(recording.damage.iter().any(|damage| damage.problem.contains("test/untimed: not on the timelines")));
 }
+
+#[test]
+fn what_can_not_be_listed_is_damage_and_repaired_without() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, out) = (folder.path().join("run.rrd"), folder.path().join("out.rrd"));
+    let stream = rerun::RecordingStreamBuilder::new("supertwin").recording_id("names").save(&path).unwrap();
+    let send = |tick: rerun::Timeline, archetype: &'static str, value: f64| {
+        let numbers = Arc::new(rerun::external::arrow::array::Float64Array::from(vec![value]));
+        let described = rerun::Scalars::descriptor_scalars().with_archetype(archetype.into());
+        let batch = rerun::SerializedComponentBatch::new(numbers, described);
+        let when = rerun::TimePoint::default().with(rerun::Timeline::new_duration("sim_time"), 0).with(tick, 0);
+        let chunk = rerun::log::Chunk::builder("test/number");
+        stream.send_chunk(chunk.with_serialized_batch(rerun::log::RowId::new(), when, batch).build().unwrap());
+    };
+    let [sequence, duration] = [rerun::Timeline::new_sequence("tick"), rerun::Timeline::new_duration("tick")];
+    send(sequence, "rerun.archetypes.Scalars", 1.0);
+    send(sequence, "rerun/archetypes.Scalars", 2.0);
+    send(duration, "rerun.archetypes.Scalars", 3.0);
+    stream.disconnect();
+
+    let recording = read(&path).unwrap();
+    assert_eq!(recording.signals["test/number"].values, [1.0]);
+    let problems: Vec<_> = recording.damage.iter().map(|damage| damage.problem.as_str()).collect();
+    assert!(problems.len() == 3 && problems[0].contains("is no component of"), "{problems:?}");
+    assert!(problems[1].starts_with("timeline tick is a "), "{problems:?}");
+    assert!(problems[2].starts_with("not closed"), "Rerun itself could not list it: {problems:?}");
+    repair(&path, &out, false).unwrap();
+    verify(&out);
+    assert_eq!(read(&out).unwrap().signals, recording.signals);
+}
