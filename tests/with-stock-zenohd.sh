@@ -11,6 +11,7 @@ fi
 cargo build --release -p supertwin
 port=$(python3 -c 'import socket; s = socket.socket(); s.bind(("127.0.0.1", 0)); print(s.getsockname()[1])')
 "$root/bin/zenohd" --listen "tcp/127.0.0.1:$port" --no-multicast-scouting >/dev/null 2>&1 &
-trap 'kill $!' EXIT
-until (exec 3<>"/dev/tcp/127.0.0.1/$port") 2>/dev/null; do kill -0 $!; read -rt 0.1 <> <(:) || :; done
+router=$!
+trap 'kill "$router"' EXIT
+until (exec 3<>"/dev/tcp/127.0.0.1/$port") 2>/dev/null; do kill -0 "$router"; read -rt 0.1 <> <(:) || :; done
 target/release/supertwin verify --router "tcp/127.0.0.1:$port" "$@"
