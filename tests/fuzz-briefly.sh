@@ -15,7 +15,7 @@ build="${CARGO_TARGET_DIR:-$PWD/target}"
 
 home_of() {
     case "$1" in
-        decode | commands) echo crates/supertwin-zenoh ;;
+        decode | commands) echo crates/supertwin-protocol ;;
         configuration) echo crates/supertwin-lab ;;
         recordings) echo crates/supertwin-rerun ;;
         *) echo "$1: is no fuzzer; there are decode, commands, configuration, recordings" >&2; return 2 ;;
@@ -30,7 +30,7 @@ for target in "${targets[@]}"; do
 done
 # As the tests are built, so that their dependencies can be used; ours in between: soon built, and quick enough.
 levels=()
-for name in core model plant gnc lab zenoh rerun; do
+for name in core model plant gnc lab protocol rerun; do
     levels+=(--config "profile.dev.package.supertwin-$name.opt-level=1")
 done
 said=$(RUSTC_WORKSPACE_WRAPPER="$PWD/tests/instrumented-rustc.sh" cargo test --quiet --workspace --no-run \

@@ -56,8 +56,20 @@ fn crates_depend_on_each_other_only_along_the_arrows_of_the_design() {
         ("supertwin-gnc", &["supertwin-core", "supertwin-model"][..]),
         ("supertwin-lab", &["supertwin-core", "supertwin-model", "supertwin-plant", "supertwin-gnc"][..]),
         ("supertwin-rerun", &["supertwin-core"][..]),
-        ("supertwin-zenoh", &["supertwin-core"][..]),
-        ("supertwin", &["supertwin-core", "supertwin-lab", "supertwin-rerun", "supertwin-zenoh"][..]),
+        ("supertwin-protocol", &["supertwin-core"][..]),
+        ("supertwin-pki", &["supertwin-protocol"][..]),
+        ("supertwin-zenoh", &["supertwin-core", "supertwin-protocol", "supertwin-pki"][..]),
+        (
+            "supertwin",
+            &[
+                "supertwin-core",
+                "supertwin-lab",
+                "supertwin-rerun",
+                "supertwin-protocol",
+                "supertwin-pki",
+                "supertwin-zenoh",
+            ][..],
+        ),
     ]);
     for (name, manifest) in crates() {
         assert_eq!(manifest["package"]["name"].as_str(), Some(name.as_str()), "folder name = crate name");
@@ -79,6 +91,8 @@ fn each_outside_world_stands_in_one_manifest() {
     for (outside, home) in [
         ("zenoh", "supertwin-zenoh"),
         ("zenoh-ext", "supertwin-zenoh"),
+        ("rcgen", "supertwin-pki"),
+        ("x509-parser", "supertwin-pki"),
         ("rerun", "supertwin-rerun"),
         ("parquet", "supertwin-rerun"),
         ("mcap", "supertwin-rerun"),

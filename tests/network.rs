@@ -6,8 +6,8 @@ use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Duration;
+use supertwin_protocol::lease::LeaseAction;
 use supertwin_zenoh::Link;
-use supertwin_zenoh::authority::LeaseAction;
 use supertwin_zenoh::session::exposures;
 use support::{CONFIG, Cable, Events, Listener, Place, Process, Proxy, SERVICES, following, listening};
 

@@ -7,7 +7,9 @@ use serde_json::json;
 use std::cell::RefCell;
 use std::sync::Arc;
 use std::time::Duration;
-use supertwin_zenoh::{Client, Clock, Inbox, SystemClock, pki};
+use supertwin_pki as pki;
+use supertwin_protocol::{Clock, SystemClock};
+use supertwin_zenoh::{Client, Inbox};
 use support::{Events, LIMIT, Listener, Place, Process, Proxy, following, listening};
 
 const ROV: &str = "rov";

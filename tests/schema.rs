@@ -12,8 +12,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::Path;
 use supertwin_core::message::{Message, Nav};
+use supertwin_protocol::command_queue::Answer;
 use supertwin_zenoh::ClientError;
-use supertwin_zenoh::desk::Answer;
 use support::{Listener, Place};
 
 /// Reads schemas from a folder, checks that they are schemas, and that each line `[expected, name, payload]` fits its
@@ -218,7 +218,7 @@ fn every_message_of_a_recorded_lock_step_run_fits_its_schema() {
     for change in changes {
         let mut bad = good.clone();
         change(&mut bad);
-        assert!(supertwin_zenoh::decode::<Nav>(bad.to_string().as_bytes()).is_err(), "{bad}");
+        assert!(supertwin_protocol::decode::<Nav>(bad.to_string().as_bytes()).is_err(), "{bad}");
         evidence.does_not_fit("nav", bad);
     }
     let count = evidence.judge();

@@ -6,7 +6,8 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
-use supertwin_zenoh::{Client, Clock, Heard, Inbox, Link, Session, SystemClock};
+use supertwin_protocol::{Clock, Heard, SystemClock};
+use supertwin_zenoh::{Client, Inbox, Link, Session};
 
 /// Listens to one vehicle from beside it.
 pub struct Listener {

@@ -9,7 +9,7 @@ use std::process::{Child, Command, Stdio};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
-use supertwin_zenoh::{Clock, SystemClock};
+use supertwin_protocol::{Clock, SystemClock};
 use tempfile::TempDir;
 
 const SUPERTWIN: &str = env!("CARGO_BIN_EXE_supertwin");

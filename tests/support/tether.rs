@@ -6,7 +6,7 @@ use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, mpsc};
 use std::time::Duration;
-use supertwin_zenoh::{Clock, SystemClock};
+use supertwin_protocol::{Clock, SystemClock};
 
 /// A TCP proxy that cuts, stalls and delays.
 pub struct Proxy {

@@ -12,7 +12,8 @@ use serde_json::Value;
 use std::io::{BufRead, BufReader};
 use std::process::{Child, ChildStdout, Command, Stdio};
 use std::time::Duration;
-use supertwin_zenoh::{Clock, Link, SystemClock};
+use supertwin_protocol::{Clock, SystemClock};
+use supertwin_zenoh::Link;
 use zenoh::Wait;
 use zenoh::qos::{CongestionControl, Priority};
 

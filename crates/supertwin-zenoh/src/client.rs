@@ -1,15 +1,15 @@
 //! The other side of commands: a client with authority, retries and acknowledgements.
 
-use crate::authority::{LeaseAction, LeaseReply, LeaseRequest};
-use crate::clock::Clock;
-use crate::desk::{Answer, Request};
-use crate::host::StreamedSetpoint;
-use crate::keys;
 use crate::session::LinkError;
 use serde::Serialize;
 use serde_json::Value;
 use std::sync::Arc;
 use std::time::Duration;
+use supertwin_protocol::clock::Clock;
+use supertwin_protocol::command_queue::{Answer, Request};
+use supertwin_protocol::keys;
+use supertwin_protocol::lease::{LeaseAction, LeaseReply, LeaseRequest};
+use supertwin_protocol::payload::StreamedSetpoint;
 use zenoh::bytes::Encoding;
 use zenoh::qos::{CongestionControl, Priority};
 use zenoh::query::{ConsolidationMode, QueryTarget};

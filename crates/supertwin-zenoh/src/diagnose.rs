@@ -1,10 +1,10 @@
 //! Questions about a set-up: who answers, how far away, by which way, with which files.
 
-use crate::clock::Clock;
 use crate::session::LinkError;
 use serde_json::Value;
 use std::path::PathBuf;
 use std::time::Duration;
+use supertwin_protocol::clock::Clock;
 use zenoh::query::{ConsolidationMode, QueryTarget};
 use zenoh::{Session, Wait};
 

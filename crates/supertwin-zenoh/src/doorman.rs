@@ -3,14 +3,14 @@
 //! Zenoh tells neither to anybody: a refused handshake is a line of its log, and so is a refused message, among those that
 //! were let through. This listens to just these lines. Lines of no interest are recognised once, and never made again.
 
-use crate::clock::Clock;
 use crate::log_line;
-use crate::role::parse_common_name;
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
+use supertwin_protocol::clock::Clock;
+use supertwin_protocol::role::parse_common_name;
 use tracing::level_filters::LevelFilter;
 use tracing::span::{Attributes, Id, Record};
 use tracing::subscriber::Interest;

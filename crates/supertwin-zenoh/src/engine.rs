@@ -1,6 +1,5 @@
 //! The thread that drives hosts: takes what has arrived, lets each host do what it can, waits.
 
-use crate::clock::Clock;
 use crate::host::{Ending, Hosted};
 use crate::mailbox::{Arrival, Mailbox};
 use std::sync::Arc;
@@ -8,6 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use supertwin_core::Tick;
 use supertwin_core::digest::RunDigest;
+use supertwin_protocol::clock::Clock;
 
 /// Requests that are answered between two steps; the rest waits its turn.
 const REQUESTS_AT_ONCE: usize = 8;

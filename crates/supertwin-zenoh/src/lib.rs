@@ -1,4 +1,4 @@
-//! The wire: sessions, codec, mailbox, a host for any block, commands and authority.
+//! The protocol on Zenoh: sessions, mailbox and outbox, a host for any block, routers, clients and witnesses.
 //!
 //! ```text
 //! callbacks ─▶ Mailbox ─▶ Engine ─▶ Host<B>: Ledger, Port, Desk, Authority ─▶ B::step ─▶ wire
@@ -7,48 +7,30 @@
 //!
 //! The only crate that names zenoh. It knows messages and blocks, and no particular block.
 
-pub mod access;
-pub mod authority;
+pub mod access_control;
 pub mod client;
-pub mod clock;
-pub mod desk;
 pub mod diagnose;
 pub mod doorman;
 pub mod engine;
-pub mod envelope;
-pub mod fault;
 pub mod host;
-mod in_order;
-pub mod keys;
-pub mod ledger;
 mod log_line;
 pub mod mailbox;
 mod outbox;
-pub mod pki;
-pub mod role;
 pub mod router;
-pub mod schema;
 pub mod session;
-pub mod telemetry;
 pub mod voice;
 pub mod watch;
 mod why;
 pub mod witness;
 
 pub use client::{Client, ClientError};
-pub use clock::{Clock, SystemClock};
 pub use engine::{Engine, Finished};
-pub use envelope::{Envelope, decode, encode, head};
-pub use fault::FaultRates;
-pub use host::{Ending, Health, Host, HostOptions, Pace};
+pub use host::{Ending, Host, HostOptions, Pace};
 pub use mailbox::Mailbox;
-pub use pki::PkiError;
-pub use role::{Role, Scope};
 pub use router::Router;
 pub use session::{Link, LinkError};
-pub use telemetry::{Description, Shape, Telemetry};
 pub use voice::Voice;
-pub use watch::{Heard, Inbox, Interrupter, Presence};
+pub use watch::{Inbox, Interrupter, Presence};
 pub use witness::{Receipts, WitnessError, WitnessOptions, witness};
 
 /// Sixteen hexadecimal digits that nobody else has.

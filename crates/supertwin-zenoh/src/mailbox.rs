@@ -1,9 +1,9 @@
 //! Where callbacks put what arrives: bounded queues that one thread drains. A callback never waits.
 
-use crate::clock::Clock;
 use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
+use supertwin_protocol::clock::Clock;
 use zenoh::bytes::ZBytes;
 use zenoh::query::Query;
 
@@ -132,7 +132,7 @@ impl Mailbox {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::clock::SystemClock;
+    use supertwin_protocol::clock::SystemClock;
 
     #[test]
     fn a_full_queue_keeps_the_newest_and_counts_the_rest() {

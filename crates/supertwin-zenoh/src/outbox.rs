@@ -1,12 +1,13 @@
 //! What a service says beside its wire: telemetry, events, health, states, answers. Sent by a thread of its own, so
 //! that control never waits for the network.
 
-use crate::keys;
 use crate::session::LinkError;
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
+use supertwin_protocol::event_order::EVENTS_KEPT;
+use supertwin_protocol::keys;
 use zenoh::bytes::Encoding;
 use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Priority};
@@ -18,9 +19,6 @@ use zenoh_ext::{AdvancedPublisher, AdvancedPublisherBuilderExt, CacheConfig, Mis
 const TELEMETRY: usize = 64;
 /// Everything else that may wait.
 const LETTERS: usize = 4096;
-/// Events that a listener can recover after it was cut off.
-pub(crate) const EVENT_CACHE: usize = 10_000;
-
 /// How often a service says which event was its last: who was away when it was sent finds out by this.
 const HEARTBEAT: Duration = Duration::from_millis(500);
 
@@ -135,7 +133,7 @@ impl Outbox {
             .encoding(Encoding::APPLICATION_JSON)
             .congestion_control(CongestionControl::Drop)
             .priority(Priority::Data)
-            .cache(CacheConfig::default().max_samples(EVENT_CACHE))
+            .cache(CacheConfig::default().max_samples(EVENTS_KEPT))
             .sample_miss_detection(MissDetectionConfig::default().heartbeat(HEARTBEAT))
             .publisher_detection()
             .wait()

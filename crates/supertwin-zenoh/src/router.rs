@@ -8,14 +8,14 @@
 //! TLS does it in a second session, the gate: when its files change it is opened anew, and those behind it connect again
 //! by themselves. The vehicle's own services are not touched.
 
-use crate::clock::Clock;
-use crate::pki::{Certificate, Credentials, PkiError, Standing, span, tls_files};
 use crate::session::{self, Link, LinkError, endpoints, locators};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
+use supertwin_pki::{Certificate, Credentials, PkiError, Standing, span, tls_files};
+use supertwin_protocol::clock::Clock;
 use zenoh::Session;
 
 /// How often the gate's files are looked at.

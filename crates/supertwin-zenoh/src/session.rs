@@ -1,10 +1,10 @@
 //! Sessions: a JSON5 file of Zenoh's own format, laid over settings that are safe by default, and overrides.
 
-use crate::clock::{Clock, SystemClock};
-use crate::pki::{self, Credentials, PkiError};
 use crate::why;
 use serde_json::{Map, Value, json};
 use std::path::{Path, PathBuf};
+use supertwin_pki::{Credentials, PkiError};
+use supertwin_protocol::clock::{Clock, SystemClock};
 use zenoh::{Config, Session, Wait};
 
 /// How a process joins the network.
@@ -155,7 +155,7 @@ impl Link {
         set("connect/timeout_ms", self.patience_ms.into());
         if let Some(place) = &self.credentials {
             let found = Credentials::find(place)?;
-            let listens = pki::read(&found.certificate)?.role.is_some_and(|role| role.listens());
+            let listens = supertwin_pki::read(&found.certificate)?.role.is_some_and(|role| role.listens());
             set("transport/link/tls", found.settings(listens));
         }
         for text in &self.overrides {
@@ -224,7 +224,7 @@ pub(crate) fn open(settings: &Value, config: Config) -> Result<Session, LinkErro
 pub fn check_credentials(settings: &Value, clock: &dyn Clock) -> Result<(), PkiError> {
     for side in ["listen", "connect"] {
         let used = endpoints(settings, side).iter().any(|endpoint| endpoint.starts_with("tls/"));
-        if let Some(credentials) = pki::tls_files(settings, side).filter(|_| used) {
+        if let Some(credentials) = supertwin_pki::tls_files(settings, side).filter(|_| used) {
             credentials.check(clock)?;
         }
     }
@@ -323,7 +323,7 @@ fn is_local(endpoint: &str) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::role::{Role, Scope};
+    use supertwin_protocol::role::{Role, Scope};
 
     #[test]
     fn a_file_is_laid_over_safe_settings_and_overrides_over_both() {
@@ -358,11 +358,11 @@ mod tests {
     #[test]
     fn credentials_make_the_settings_of_tls_and_are_checked_before_they_are_used() {
         let (folder, clock) = (tempfile::tempdir().expect("folder"), SystemClock::start());
-        let day = pki::DAY;
-        let authority = pki::Authority::init(&folder.path().join("pki"), "f", day, &clock).expect("new");
-        let vehicle = pki::Request::new(Role::Vehicle, Scope::Fleet, "v").at(&["localhost"]);
+        let day = supertwin_pki::DAY;
+        let authority = supertwin_pki::Authority::init(&folder.path().join("pki"), "f", day, &clock).expect("new");
+        let vehicle = supertwin_pki::Request::new(Role::Vehicle, Scope::Fleet, "v").at(&["localhost"]);
         authority.issue(&vehicle, &clock).expect("is legal");
-        authority.issue(&pki::Request::new(Role::Observer, Scope::Fleet, "o"), &clock).expect("is legal");
+        authority.issue(&supertwin_pki::Request::new(Role::Observer, Scope::Fleet, "o"), &clock).expect("is legal");
         let link = |holder: &str| Link {
             credentials: Some(authority.folder().join(holder)),
             connect: vec!["tls/localhost:1".to_owned()],

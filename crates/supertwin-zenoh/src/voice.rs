@@ -1,9 +1,5 @@
 //! What a service that is no block has to say, such as a recorder: events, counters, states, and that it is up.
 
-use crate::clock::Clock;
-use crate::envelope::{Envelope, encode};
-use crate::host::Health;
-use crate::keys;
 use crate::outbox::{Letter, Outbox};
 use crate::session::LinkError;
 use serde::Serialize;
@@ -11,6 +7,10 @@ use std::borrow::Cow;
 use std::sync::Arc;
 use supertwin_core::run::Severity;
 use supertwin_core::{Event, Tick};
+use supertwin_protocol::Health;
+use supertwin_protocol::clock::Clock;
+use supertwin_protocol::envelope::{Envelope, encode};
+use supertwin_protocol::keys;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::{Session, Wait};
 

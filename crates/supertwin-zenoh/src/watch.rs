@@ -1,11 +1,11 @@
 //! Listening from outside the ring: samples, past events, who comes and goes. Bounded, and never in the network's way.
 
-use crate::clock::Clock;
-use crate::in_order::InOrder;
 use crate::session::LinkError;
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
+use supertwin_protocol::event_order::{EVENTS_KEPT, InOrder};
+use supertwin_protocol::{Clock, Heard};
 use zenoh::key_expr::KeyExpr;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Subscriber;
@@ -18,19 +18,6 @@ use zenoh_ext::{AdvancedSubscriber, AdvancedSubscriberBuilderExt, HistoryConfig,
 const ROOM: usize = 20_000;
 /// How long past events are waited for before new ones are shown.
 const HISTORY: Duration = Duration::from_millis(500);
-
-/// A sample that was heard.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Heard {
-    /// Its full key.
-    pub key: String,
-    /// Its bytes.
-    pub payload: Vec<u8>,
-    /// The key was deleted, or whoever showed to be alive no longer does.
-    pub gone: bool,
-    /// The listener's clock at its arrival.
-    pub at: Duration,
-}
 
 /// Events wait by themselves, to be put in order.
 #[derive(Clone, Copy, Debug)]
@@ -151,7 +138,7 @@ impl Inbox {
             .callback(self.callback(Kind::Event))
             // Also of publishers that come later; with room for the whole cache, so that the recovery of a gap is never
             // mistaken for a shorter history.
-            .history(HistoryConfig::default().detect_late_publishers().max_samples(crate::outbox::EVENT_CACHE))
+            .history(HistoryConfig::default().detect_late_publishers().max_samples(EVENTS_KEPT))
             .recovery(RecoveryConfig::default().heartbeat())
             .query_timeout(HISTORY)
             .wait();
@@ -309,7 +296,7 @@ pub fn overlap(a: &str, b: &str) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::clock::SystemClock;
+    use supertwin_protocol::SystemClock;
 
     fn heard(i: usize) -> Heard {
         Heard { key: i.to_string(), payload: Vec::new(), gone: false, at: Duration::ZERO }

@@ -1,17 +1,17 @@
 //! A participant of a lock-step ring that only looks: it holds the ring back rather than miss a tick.
 
-use crate::clock::Clock;
-use crate::envelope::{Envelope, decode};
-use crate::fault::{Fault, FaultRates};
 use crate::host::beat::shortest;
-use crate::host::{Seen, Stop};
-use crate::keys;
 use crate::mailbox::{Arrival, Mailbox};
 use crate::session::LinkError;
-use crate::telemetry::Telemetry;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
+use supertwin_protocol::clock::Clock;
+use supertwin_protocol::envelope::{Envelope, decode};
+use supertwin_protocol::fault::{Fault, FaultRates};
+use supertwin_protocol::keys;
+use supertwin_protocol::payload::{Seen, Stop};
+use supertwin_protocol::telemetry::Telemetry;
 use zenoh::bytes::Encoding;
 use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Priority};
@@ -254,6 +254,6 @@ fn missing(slots: &[Option<Vec<u8>>; 4]) -> String {
     missing.collect::<Vec<_>>().join(", ")
 }
 
-fn malformed(tick: u64, number: usize, cause: &crate::envelope::Rejected) -> WitnessError {
+fn malformed(tick: u64, number: usize, cause: &supertwin_protocol::envelope::Rejected) -> WitnessError {
     WitnessError::Malformed { tick, service: RING[number], cause: cause.to_string() }
 }

@@ -12,8 +12,10 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::process::ExitCode;
 use supertwin_lab::Library;
-use supertwin_zenoh::access::{self, Attempt};
-use supertwin_zenoh::{Clock, Health, Link, LinkError, SystemClock, diagnose, keys, pki, session};
+use supertwin_pki as pki;
+use supertwin_protocol::{Clock, Health, SystemClock, keys};
+use supertwin_zenoh::access_control::{self, Attempt};
+use supertwin_zenoh::{Link, LinkError, diagnose, session};
 
 /// Arguments of `doctor`.
 #[derive(Debug, Args)]
@@ -318,7 +320,7 @@ fn rules(settings: &Value) -> Vec<Finding> {
     else {
         return Vec::new();
     };
-    let (found, ours) = (access::hash(settings), access::current_hash(vehicle));
+    let (found, ours) = (access_control::hash(settings), access_control::current_hash(vehicle));
     if found == ours {
         return vec![ok("rules", format!("{found}, as this version writes them for {vehicle}"))];
     }
@@ -480,8 +482,8 @@ fn clock(offset: Option<diagnose::ClockOffset>) -> Finding {
 mod tests {
     use super::*;
     use serde_json::json;
+    use supertwin_protocol::InputHealth;
     use supertwin_zenoh::diagnose::ClockOffset;
-    use supertwin_zenoh::host::InputHealth;
 
     #[test]
     fn another_version_is_named_on_both_ends() {

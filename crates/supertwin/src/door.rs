@@ -6,8 +6,9 @@ use serde_json::{Value, json};
 use std::sync::Arc;
 use supertwin_core::Tick;
 use supertwin_core::run::Severity;
+use supertwin_protocol::{Clock, keys};
 use supertwin_zenoh::doorman::Doorman;
-use supertwin_zenoh::{Clock, Link, LinkError, Session, Voice, access, keys, session, unique};
+use supertwin_zenoh::{Link, LinkError, Session, Voice, access_control, session, unique};
 
 /// What a router may let in.
 #[derive(Clone, Debug)]
@@ -36,7 +37,7 @@ impl Door {
         }
         let locked = settings["access_control"]["enabled"] == json!(true);
         Ok(Self {
-            rules: locked.then(|| access::hash(&settings)),
+            rules: locked.then(|| access_control::hash(&settings)),
             vehicle: settings["metadata"]["vehicle"].as_str().map(str::to_owned),
         })
     }

@@ -33,7 +33,7 @@ pub(crate) enum Failure {
     Link(#[from] supertwin_zenoh::LinkError),
     /// Certificates or their files are wrong.
     #[error(transparent)]
-    Pki(#[from] supertwin_zenoh::PkiError),
+    Pki(#[from] supertwin_pki::PkiError),
     /// A request was not obeyed.
     #[error(transparent)]
     Client(#[from] supertwin_zenoh::ClientError),

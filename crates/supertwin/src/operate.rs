@@ -12,9 +12,10 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::time::Duration;
 use supertwin_lab::Library;
-use supertwin_zenoh::authority::LeaseAction;
-use supertwin_zenoh::host::Now;
-use supertwin_zenoh::{Client, ClientError, Presence, diagnose, keys};
+use supertwin_protocol::keys;
+use supertwin_protocol::lease::LeaseAction;
+use supertwin_protocol::payload::Now;
+use supertwin_zenoh::{Client, ClientError, Presence, diagnose};
 
 /// Arguments of `set`.
 #[derive(Debug, Args)]

@@ -8,9 +8,10 @@ use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::Duration;
-use supertwin_zenoh::pki::{self, Authority, Certificate, Credentials, Request};
-use supertwin_zenoh::role::{Role, Scope, common_name};
-use supertwin_zenoh::{Clock, PkiError, SystemClock};
+use supertwin_pki::PkiError;
+use supertwin_pki::{self as pki, Authority, Certificate, Credentials, Request};
+use supertwin_protocol::role::{Role, Scope, common_name};
+use supertwin_protocol::{Clock, SystemClock};
 
 /// Hosts at which a vehicle is reached from itself.
 const SELF: [&str; 3] = ["localhost", "127.0.0.1", "::1"];

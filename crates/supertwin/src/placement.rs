@@ -9,8 +9,9 @@ use supertwin_core::run::Properties;
 use supertwin_core::{Tick, Wired};
 use supertwin_lab::mission::{Mission, Parts};
 use supertwin_lab::{Blocks, Library, ResolvedTrial, trial};
+use supertwin_protocol::{Clock, FaultRates};
 use supertwin_zenoh::host::Hosted;
-use supertwin_zenoh::{Clock, Engine, FaultRates, Host, HostOptions, LinkError, Mailbox, Pace, Session};
+use supertwin_zenoh::{Engine, Host, HostOptions, LinkError, Mailbox, Pace, Session};
 
 /// What all services of one call have in common.
 pub(crate) struct Placement {

@@ -4,10 +4,11 @@ use crate::failure::Failure;
 use crate::output;
 use crate::tool::{Tool, progress, table};
 use std::path::{Path, PathBuf};
-use supertwin_zenoh::access::probe::Witness;
-use supertwin_zenoh::access::{self, Attempt, Verb};
-use supertwin_zenoh::pki::{self, Credentials};
-use supertwin_zenoh::role::Role;
+use supertwin_pki::{self as pki, Credentials};
+use supertwin_protocol::access::{self, Verb};
+use supertwin_protocol::role::Role;
+use supertwin_zenoh::access_control::probe::Witness;
+use supertwin_zenoh::access_control::{self, Attempt};
 use supertwin_zenoh::{Link, LinkError, Session, close};
 
 /// What one holder may and may not.
@@ -100,7 +101,7 @@ pub(crate) fn prove(
         {
             output::warn(&format!("warning: {} reaches no vehicle called {vehicle} here", holder.who));
         }
-        let attempts = access::prove(&session, holder.role, vehicle, witness.as_mut(), &tool.clock)?;
+        let attempts = access_control::prove(&session, holder.role, vehicle, witness.as_mut(), &tool.clock)?;
         close(&session);
         proofs.push(Proof { who: holder.who.clone(), role: holder.role, attempts });
         bar.inc(1);

@@ -17,8 +17,8 @@ use supertwin_core::message::{Measurements, Nav, Reference, Thrust, WrenchReques
 use supertwin_lab::paper::ROWS;
 use supertwin_lab::replay::{BlockVerdict, Changed, FromBlock, Messages, Replay, ReplayError, Verification};
 use supertwin_lab::{Library, Scores, rescore};
+use supertwin_protocol::decode;
 use supertwin_rerun::{Options, Recording, RerunSink, read_selected};
-use supertwin_zenoh::decode;
 
 /// Arguments of `replay`.
 #[derive(Debug, Args)]

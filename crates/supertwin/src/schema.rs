@@ -7,7 +7,7 @@ use clap::Args;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use supertwin_zenoh::schema::{self, Described};
+use supertwin_protocol::schema::{self, Described};
 
 /// Arguments of `schema`.
 #[derive(Debug, Args)]

@@ -16,10 +16,9 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use supertwin_lab::Library;
+use supertwin_protocol::{Clock, SystemClock, keys};
 use supertwin_zenoh::router::{News, expiring};
-use supertwin_zenoh::{
-    Clock, Ending, Engine, Finished, Link, LinkError, Mailbox, Pace, Router, Session, SystemClock, close, keys, session,
-};
+use supertwin_zenoh::{Ending, Engine, Finished, Link, LinkError, Mailbox, Pace, Router, Session, close, session};
 
 /// Arguments of `up`.
 #[derive(Debug, Args)]

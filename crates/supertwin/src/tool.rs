@@ -9,7 +9,8 @@ use std::io::IsTerminal;
 use std::sync::Arc;
 use std::time::Duration;
 use supertwin_lab::Library;
-use supertwin_zenoh::{Clock, Inbox, Interrupter, Link, Session, SystemClock, client, keys, watch};
+use supertwin_protocol::{Clock, SystemClock, keys};
+use supertwin_zenoh::{Inbox, Interrupter, Link, Session, client, watch};
 
 /// The four services of a vehicle.
 pub(crate) const SERVICES: [&str; 4] = ["plant", "estimator", "guidance", "controller"];

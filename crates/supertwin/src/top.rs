@@ -12,7 +12,7 @@ use std::io::IsTerminal;
 use std::process::ExitCode;
 use std::time::Duration;
 use supertwin_lab::Library;
-use supertwin_zenoh::{Health, Heard, keys};
+use supertwin_protocol::{Health, Heard, keys};
 
 /// Arguments of `top`.
 #[derive(Debug, Args)]
@@ -104,7 +104,7 @@ impl Row {
         };
         cells.push(status);
         let Some(health) = &self.health else { return cells };
-        let sum = |of: &dyn Fn(&supertwin_zenoh::host::InputHealth) -> u64| -> String {
+        let sum = |of: &dyn Fn(&supertwin_protocol::InputHealth) -> u64| -> String {
             health.inputs.values().map(of).sum::<u64>().to_string()
         };
         let oldest = health.inputs.iter().max_by_key(|(_, input)| input.age_ticks_max);

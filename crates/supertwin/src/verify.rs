@@ -19,8 +19,9 @@ use supertwin_core::observe::Snapshot;
 use supertwin_core::{Observe, Tick};
 use supertwin_lab::mission::Mission;
 use supertwin_lab::{ResolvedTrial, Twin};
+use supertwin_protocol::{FaultRates, Shape, SystemClock, keys};
 use supertwin_zenoh::witness::{Lap, RING};
-use supertwin_zenoh::{FaultRates, Link, Mailbox, Shape, SystemClock, WitnessOptions, close, keys, witness};
+use supertwin_zenoh::{Link, Mailbox, WitnessOptions, close, witness};
 
 /// Arguments of `verify`.
 #[derive(Debug, Args)]

@@ -11,8 +11,9 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::process::ExitCode;
 use std::time::Duration;
 use supertwin_lab::Library;
-use supertwin_zenoh::ledger::{Counts, Ledger};
-use supertwin_zenoh::{Heard, client};
+use supertwin_protocol::Heard;
+use supertwin_protocol::ledger::{Counts, Ledger};
+use supertwin_zenoh::client;
 
 /// Arguments of `list`.
 #[derive(Debug, Args)]

@@ -8,10 +8,11 @@ use clap::Args;
 use serde_json::{Map, Value, json};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
-use supertwin_zenoh::access::{self, COLUMNS, Row, Verb};
-use supertwin_zenoh::keys;
-use supertwin_zenoh::pki::{self, Credentials};
-use supertwin_zenoh::role::{Role, Scope, common_name};
+use supertwin_pki::{self as pki, Credentials};
+use supertwin_protocol::access::{self, COLUMNS, Row, Verb};
+use supertwin_protocol::keys;
+use supertwin_protocol::role::{Role, Scope, common_name};
+use supertwin_zenoh::access_control;
 
 /// Where a vehicle's own services come in, unless told otherwise.
 const SOCKET: &str = "unixsock-stream//tmp/supertwin/router.sock";
@@ -97,9 +98,9 @@ pub(crate) fn zenoh_config(arguments: &ZenohConfigArguments) -> Result<ExitCode,
         if given.is_empty() { default.iter().map(|text| (*text).to_owned()).collect() } else { given.to_vec() }
     };
     let text = if role == Role::Vehicle {
-        access::router_file(name, &or(&arguments.listen, &[SOCKET, TLS]), &tls)
+        access_control::router_file(name, &or(&arguments.listen, &[SOCKET, TLS]), &tls)
     } else {
-        access::client_file(role, name, &or(&arguments.connect, &["tls/localhost:7447"]), &tls)
+        access_control::client_file(role, name, &or(&arguments.connect, &["tls/localhost:7447"]), &tls)
     };
     let Some(out) = &arguments.out else {
         output::print(

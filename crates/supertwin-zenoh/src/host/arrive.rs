@@ -1,15 +1,15 @@
 //! What arrives: messages on ports, set-points, the lease, witnesses, the end of a run.
 
 use super::ports::{Clear, Deliver, Delivered};
-use super::protocol::{STREAMS, Seen, Stop, StreamedSetpoint};
 use super::{Beat, Ending, Host, Pace, Side};
-use crate::authority::{Authority, LeaseState, LeaseView};
-use crate::desk::{Desk, MAX_REQUEST};
-use crate::keys;
 use serde_json::json;
 use std::time::Duration;
 use supertwin_core::run::Severity;
 use supertwin_core::{Watch, Wired};
+use supertwin_protocol::command_queue::{Desk, MAX_REQUEST};
+use supertwin_protocol::keys;
+use supertwin_protocol::lease::{Authority, LeaseState, LeaseView};
+use supertwin_protocol::payload::{STREAMS, Seen, Stop, StreamedSetpoint};
 use zenoh::bytes::ZBytes;
 
 /// A message from this far in the future, counted from when something was last heard, is a mistake or an attack.

@@ -1,13 +1,13 @@
 //! Walks over the ports of a block: names, delivery, readiness.
 
 use super::Wire;
-use crate::envelope::{Envelope, Rejected, decode, encode};
-use crate::ledger::{Ledger, Verdict};
 use crate::outbox::Outbox;
-use crate::telemetry::Used;
 use std::time::Duration;
 use supertwin_core::port::{MessageVisitor, Offered, PortVisitor};
 use supertwin_core::{Message, Port, PortRule};
+use supertwin_protocol::envelope::{Envelope, Rejected, decode, encode};
+use supertwin_protocol::ledger::{Ledger, Verdict};
+use supertwin_protocol::telemetry::Used;
 
 pub(super) struct Keys(pub(super) Vec<(&'static str, PortRule)>);
 impl PortVisitor for Keys {

@@ -2,14 +2,13 @@
 
 use super::Host;
 use super::ports::{Deliver, Delivered, Keys};
-use crate::keys;
-use crate::ledger::Ledger;
 use crate::session::LinkError;
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
 use std::time::Duration;
 use supertwin_core::Wired;
 use supertwin_core::run::Severity;
+use supertwin_protocol::keys;
+use supertwin_protocol::ledger::Ledger;
+use supertwin_protocol::payload::Now;
 use zenoh::Wait;
 use zenoh::bytes::ZBytes;
 use zenoh::sample::Locality;
@@ -92,16 +91,4 @@ impl<B: Wired + 'static> Host<B> {
             self.wires[i].held = Some(payload.clone());
         }
     }
-}
-
-/// Which run and tick it is, for a service that starts anew.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct Now {
-    /// The run.
-    pub run: String,
-    /// Who says so.
-    pub source: String,
-    /// The next tick.
-    pub next: u64,
 }

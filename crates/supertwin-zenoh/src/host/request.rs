@@ -2,15 +2,14 @@
 
 use super::Host;
 use super::ports::Keys;
-use super::protocol::Pong;
-use super::rejoin::Now;
-use crate::authority::{Authority, LeaseAction, LeaseReply, LeaseRequest};
-use crate::desk::{Answer, MAX_REQUEST, Moment, Request};
-use crate::keys;
 use crate::outbox::Letter;
 use serde_json::{Value, json};
 use supertwin_core::Wired;
 use supertwin_core::run::Severity;
+use supertwin_protocol::command_queue::{Answer, MAX_REQUEST, Moment, Request};
+use supertwin_protocol::keys;
+use supertwin_protocol::lease::{Authority, LeaseAction, LeaseReply, LeaseRequest};
+use supertwin_protocol::payload::{Now, Pong};
 use zenoh::query::Query;
 
 impl<B: Wired + 'static> Host<B> {

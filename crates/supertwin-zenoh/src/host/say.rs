@@ -1,15 +1,15 @@
 //! What a host says: events, states, refusals, the end.
 
 use super::ports::with;
-use super::protocol::Stop;
 use super::{Ending, Host};
-use crate::envelope::{Envelope, encode};
 use crate::outbox::Letter;
 use serde::Serialize;
 use std::borrow::Cow;
 use std::time::Duration;
 use supertwin_core::run::Severity;
 use supertwin_core::{Event, Wired};
+use supertwin_protocol::envelope::{Envelope, encode};
+use supertwin_protocol::payload::Stop;
 use zenoh::Wait;
 
 impl<B: Wired + 'static> Host<B> {

@@ -1,17 +1,17 @@
 //! One step of the block with all that belongs to it: commands before, events, output and telemetry after.
 
-use super::Applied;
 use super::Host;
 use super::ports::{AsideWriter, Readiness, Stepped, with};
-use crate::envelope::encode;
-use crate::fault::Fault;
-use crate::telemetry::{AppliedBefore, Shown, Used};
 use serde_json::Value;
 use std::borrow::Cow;
 use supertwin_core::digest::block_digest;
 use supertwin_core::observe::Snapshot;
 use supertwin_core::run::Severity;
 use supertwin_core::{Event, Observe, OperatorLink, Wired};
+use supertwin_protocol::envelope::encode;
+use supertwin_protocol::fault::Fault;
+use supertwin_protocol::payload::Applied;
+use supertwin_protocol::telemetry::{AppliedBefore, Shown, Used};
 use zenoh::Wait;
 use zenoh::bytes::ZBytes;
 

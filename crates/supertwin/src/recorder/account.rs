@@ -5,9 +5,9 @@ use super::keep::Keep;
 use std::collections::BTreeMap;
 use std::time::Duration;
 use supertwin_core::Probe as _;
+use supertwin_protocol::{Clock, Health};
 use supertwin_rerun::Clocks;
 use supertwin_zenoh::witness::RING;
-use supertwin_zenoh::{Clock, Health};
 
 /// Between two complaints of one kind.
 const COMPLAINT: Duration = Duration::from_secs(1);
@@ -143,7 +143,7 @@ impl Account {
             let names = ["refused", "overflow", "telemetry_dropped", "letters_dropped", "not_finite"];
             show(&path("refused"), &names, "count", "what was refused or did not fit", &counts.map(|n| n as f64));
             let keys: Vec<&str> = health.inputs.keys().map(String::as_str).collect();
-            let each = |of: fn(&supertwin_zenoh::host::InputHealth) -> f64| -> Vec<f64> {
+            let each = |of: fn(&supertwin_protocol::InputHealth) -> f64| -> Vec<f64> {
                 health.inputs.values().map(of).collect()
             };
             show(&path("age"), &keys, "ticks", "greatest age of an input at a step", &each(|i| i.age_ticks_max as f64));

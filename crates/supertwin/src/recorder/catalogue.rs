@@ -4,7 +4,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use supertwin_core::Signal;
-use supertwin_zenoh::Description;
+use supertwin_protocol::Description;
 
 /// Signals and values of labels that are kept; whoever makes up more of them is not believed.
 const ROOM: usize = 4096;

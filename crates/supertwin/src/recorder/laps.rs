@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 use std::time::Duration;
+use supertwin_protocol::Telemetry;
 use supertwin_rerun::Clocks;
-use supertwin_zenoh::Telemetry;
 use supertwin_zenoh::witness::RING;
 
 /// How long a tick waits for the services that have not been heard at it.

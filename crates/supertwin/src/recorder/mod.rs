@@ -27,8 +27,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use supertwin_core::run::{Properties, Property, Scene};
 use supertwin_lab::{Library, ResolvedTrial};
+use supertwin_protocol::{Clock, Heard, SystemClock, keys};
 use supertwin_rerun::Live;
-use supertwin_zenoh::{Clock, Heard, Inbox, LinkError, Mailbox, Session, SystemClock, close, keys};
+use supertwin_zenoh::{Inbox, LinkError, Mailbox, Session, close};
 use vehicle::{Shared, Vehicle};
 
 /// Arguments of `record`.

@@ -17,9 +17,10 @@ use supertwin_core::digest::RunDigest;
 use supertwin_core::message::{Measurements, Message as _, Nav, Reference, Thrust, WrenchRequest};
 use supertwin_core::run::{Properties, Severity};
 use supertwin_core::{Event, Tick};
+use supertwin_protocol::{Clock, Health, keys};
 use supertwin_rerun::{Clocks, Live};
 use supertwin_zenoh::witness::RING;
-use supertwin_zenoh::{Clock, Health, Inbox, LinkError, Receipts, Session, Voice, keys};
+use supertwin_zenoh::{Inbox, LinkError, Receipts, Session, Voice};
 
 /// Wires whose exact bytes are kept: what a replay needs.
 pub(crate) const WIRES: [&str; 7] = [

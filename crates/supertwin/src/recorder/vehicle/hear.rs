@@ -5,9 +5,10 @@ use super::{ASK, Kept, ROOM, Run, Vehicle, WIRES};
 use std::time::Duration;
 use supertwin_core::Event;
 use supertwin_core::run::{Properties, Severity};
-use supertwin_zenoh::host::Stop;
+use supertwin_protocol::payload::Stop;
+use supertwin_protocol::{Description, Health, Heard, decode, head, telemetry};
+use supertwin_zenoh::Inbox;
 use supertwin_zenoh::witness::RING;
-use supertwin_zenoh::{Description, Health, Heard, Inbox, decode, head, telemetry};
 
 /// States that are remembered; whoever makes up more of them is not believed.
 const STATES: usize = 4096;

@@ -12,8 +12,9 @@ use supertwin_core::message::{Measurements, Message as _, Nav, Reference, Thrust
 use supertwin_core::run::{FORMAT, Properties, Property, Severity};
 use supertwin_core::{Observe as _, Probe as _, RunHeader, Tick};
 use supertwin_lab::Tracking;
+use supertwin_protocol::Shape;
+use supertwin_zenoh::Inbox;
 use supertwin_zenoh::witness::RING;
-use supertwin_zenoh::{Inbox, Shape};
 
 /// Ticks of a run that is not scored at its end: it would take gigabytes.
 const LONG: u64 = 1_000_000;

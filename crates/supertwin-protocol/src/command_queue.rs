@@ -1,0 +1,453 @@
+//! Where requests become commands: checked, told apart from repetitions, scheduled for a tick, or refused with a reason.
+
+use crate::keys;
+use crate::lease::LeaseView;
+use schemars::JsonSchema;
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+use std::collections::BTreeMap;
+use std::time::Duration;
+use supertwin_core::Refusal;
+use xxhash_rust::xxh3::xxh3_64;
+
+/// Largest request that is looked at, in bytes.
+pub const MAX_REQUEST: usize = 4096;
+/// Clients whose last request is remembered.
+const MAX_CLIENTS: usize = 64;
+/// Farthest into the future that a command may be scheduled, in seconds.
+const MAX_AHEAD_S: f64 = 3600.0;
+/// Commands that may wait at the same time.
+const MAX_WAITING: usize = 1024;
+
+/// What a client sends to `command/<service>/<name>`, or to `param/<service>/<path>` to change it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Request {
+    /// Who asks.
+    pub client: String,
+    /// Counts the client's requests: the same number is the same request, sent again.
+    pub seq: u64,
+    /// Proof of authority, from the lease.
+    #[serde(default)]
+    pub token: String,
+    /// What to set; absent for commands without a value.
+    #[serde(default)]
+    pub value: Value,
+    /// When it shall apply; soon, if absent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub at_tick: Option<u64>,
+}
+
+/// The answer.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(tag = "status", rename_all = "snake_case", deny_unknown_fields)]
+pub enum Answer {
+    /// It will apply.
+    Scheduled {
+        /// Number of the request.
+        seq: u64,
+        /// When it applies.
+        apply_tick: u64,
+        /// The service's next tick, when it answered.
+        tick: u64,
+    },
+    /// It will not, and nothing has changed.
+    Refused {
+        /// Number of the request, if it could be read.
+        seq: u64,
+        /// Why.
+        reason: String,
+    },
+}
+
+/// A command that waits for its tick.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Waiting<C> {
+    /// The command.
+    pub command: C,
+    /// Who asked for it: `client seq 7`, or nobody for the mission.
+    pub by: Option<String>,
+    /// Name of the state it sets.
+    pub name: String,
+}
+
+/// What the desk did.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct DeskCounts {
+    /// Requests that were scheduled.
+    pub scheduled: u64,
+    /// Requests that were refused.
+    pub refused: u64,
+    /// Requests that came again.
+    pub repeated: u64,
+    /// Commands that applied.
+    pub applied: u64,
+}
+
+#[derive(Clone, Debug)]
+struct Remembered {
+    lease: u64,
+    seq: u64,
+    body: u64,
+    answer: Answer,
+    at: Duration,
+}
+
+/// The desk of one service.
+#[derive(Clone, Debug)]
+pub struct Desk<C> {
+    clients: BTreeMap<String, Remembered>,
+    waiting: BTreeMap<u64, Vec<Waiting<C>>>,
+    /// What it did.
+    pub counts: DeskCounts,
+}
+
+/// The moment of a request: the wall, the next tick, its length, and how far ahead commands are scheduled.
+#[derive(Clone, Copy, Debug)]
+pub struct Moment {
+    /// The host's clock.
+    pub now: Duration,
+    /// The next tick.
+    pub next: u64,
+    /// Length of a tick.
+    pub tick_s: f64,
+    /// Ticks from now to when a command applies.
+    pub lead: u64,
+}
+
+impl<C: Serialize + DeserializeOwned + Clone> Desk<C> {
+    /// With the commands of a mission.
+    #[must_use]
+    pub fn new(mission: &[(u64, C)]) -> Self {
+        let mut waiting: BTreeMap<u64, Vec<Waiting<C>>> = BTreeMap::new();
+        for (tick, command) in mission {
+            let name = name_of(command);
+            waiting.entry(*tick).or_default().push(Waiting { command: command.clone(), by: None, name });
+        }
+        Self { clients: BTreeMap::new(), waiting, counts: DeskCounts::default() }
+    }
+
+    /// Takes a request for the command `name`; `attempt` tries it on a copy of the block.
+    pub fn submit(
+        &mut self,
+        name: &str,
+        payload: &[u8],
+        lease: &LeaseView,
+        moment: Moment,
+        attempt: impl FnOnce(&C) -> Result<(), Refusal>,
+    ) -> Answer {
+        let refused = |seq: u64, reason: String| Answer::Refused { seq, reason };
+        let request = match read(payload) {
+            Ok(request) => request,
+            Err(reason) => {
+                self.counts.refused += 1;
+                return refused(0, reason);
+            }
+        };
+        let body = xxh3_64(payload) ^ xxh3_64(name.as_bytes());
+        // Numbers count from one lease to the next: who acquires anew may begin with 1 again.
+        let lease_number = xxh3_64(request.token.as_bytes());
+        // A cry for help is heard every time, under whatever name and number, and leaves no trace in anybody's memory.
+        let emergency = name == "neutral" && request.value == Value::Bool(true);
+        let known = self.clients.get(&request.client).filter(|known| known.lease == lease_number);
+        if let Some(known) = known.filter(|_| !emergency) {
+            if request.seq == known.seq && body == known.body {
+                self.counts.repeated += 1;
+                return known.answer.clone();
+            }
+            if request.seq <= known.seq {
+                self.counts.refused += 1;
+                let reason = format!("seq = {}: must be greater than {}, the last one", request.seq, known.seq);
+                return refused(request.seq, reason);
+            }
+        }
+        let authority = if emergency { Ok(()) } else { lease.allows(&request.client, &request.token, moment.now) };
+        let answer = match authority.and_then(|()| self.schedule(name, &request, emergency, moment, attempt)) {
+            Ok((apply_tick, fresh)) => {
+                self.counts.scheduled += u64::from(fresh);
+                self.counts.repeated += u64::from(!fresh);
+                Answer::Scheduled { seq: request.seq, apply_tick, tick: moment.next }
+            }
+            Err(reason) => {
+                self.counts.refused += 1;
+                return refused(request.seq, reason);
+            }
+        };
+        if !emergency {
+            let (seq, at) = (request.seq, moment.now);
+            self.remember(request.client, Remembered { lease: lease_number, seq, body, answer: answer.clone(), at });
+        }
+        answer
+    }
+
+    fn schedule(
+        &mut self,
+        name: &str,
+        request: &Request,
+        emergency: bool,
+        moment: Moment,
+        attempt: impl FnOnce(&C) -> Result<(), Refusal>,
+    ) -> Result<(u64, bool), String> {
+        let command = build(name, request.value.clone())?;
+        attempt(&command).map_err(|refusal| refusal.0)?;
+        let soon = if emergency { moment.next } else { moment.next + moment.lead };
+        let farthest = moment.next.saturating_add((MAX_AHEAD_S / moment.tick_s) as u64);
+        let tick = match request.at_tick {
+            Some(_) if emergency => soon,
+            Some(tick) if tick < moment.next => {
+                return Err(format!("at_tick = {tick}: is over; the next tick is {}", moment.next));
+            }
+            Some(tick) if tick > farthest => {
+                return Err(format!("at_tick = {tick}: must be at most {farthest}, an hour ahead"));
+            }
+            Some(tick) => tick,
+            None => soon,
+        };
+        if emergency && self.waiting.get(&tick).is_some_and(|all| all.iter().any(|other| other.name == name)) {
+            return Ok((tick, false));
+        }
+        if !emergency && self.waiting.values().map(Vec::len).sum::<usize>() >= MAX_WAITING {
+            return Err(format!("{MAX_WAITING} commands wait already"));
+        }
+        let by = Some(format!("{} seq {}", request.client, request.seq));
+        self.waiting.entry(tick).or_default().push(Waiting { command, by, name: name_of_request(name, request) });
+        Ok((tick, true))
+    }
+
+    fn remember(&mut self, client: String, what: Remembered) {
+        if self.clients.len() >= MAX_CLIENTS && !self.clients.contains_key(&client) {
+            let oldest = self.clients.iter().min_by_key(|(_, known)| known.at).map(|(name, _)| name.clone());
+            oldest.map(|name| self.clients.remove(&name));
+        }
+        self.clients.insert(client, what);
+    }
+
+    /// A command of this very tick, from a stream of set-points.
+    ///
+    /// # Errors
+    /// When there is no such command.
+    pub fn stream(&mut self, name: &str, value: f64, client: &str, next: u64) -> Result<(), String> {
+        let command = build(name, value.into())?;
+        let by = Some(format!("{client} streaming"));
+        let waiting = self.waiting.entry(next).or_default();
+        waiting.retain(|other| other.name != name || other.by != by);
+        waiting.push(Waiting { command, by, name: name.to_owned() });
+        Ok(())
+    }
+
+    /// The commands that apply at tick `k`, in the order in which they came.
+    pub fn due(&mut self, k: u64) -> Vec<Waiting<C>> {
+        if self.waiting.first_key_value().is_none_or(|(tick, _)| *tick > k) {
+            return Vec::new();
+        }
+        let later = self.waiting.split_off(&(k + 1));
+        core::mem::replace(&mut self.waiting, later).into_values().flatten().collect()
+    }
+
+    /// Commands that wait.
+    #[must_use]
+    pub fn waiting(&self) -> usize {
+        self.waiting.values().map(Vec::len).sum()
+    }
+}
+
+fn read(payload: &[u8]) -> Result<Request, String> {
+    if payload.len() > MAX_REQUEST {
+        return Err(format!("{} bytes: must be at most {MAX_REQUEST}", payload.len()));
+    }
+    let request: Request = serde_json::from_slice(payload).map_err(|error| format!("request: {error}"))?;
+    if keys::is_name(&request.client) {
+        Ok(request)
+    } else {
+        Err("client: must be 1 to 64 letters, digits, '-', '_' or '.'".to_owned())
+    }
+}
+
+/// `{name: value}` as the service's command; commands without a value are their name.
+fn build<C: DeserializeOwned>(name: &str, value: Value) -> Result<C, String> {
+    let whole = if value.is_null() {
+        Value::String(name.to_owned())
+    } else {
+        Value::Object(Map::from_iter([(name.to_owned(), value)]))
+    };
+    serde_json::from_value(whole).map_err(|error| format!("{name}: {error}"))
+}
+
+fn name_of(command: &impl Serialize) -> String {
+    match serde_json::to_value(command) {
+        Ok(Value::Object(map)) => map.keys().next().cloned().unwrap_or_default(),
+        Ok(Value::String(name)) => name,
+        _ => String::new(),
+    }
+}
+
+fn name_of_request(name: &str, request: &Request) -> String {
+    match request.value.get("path") {
+        Some(Value::String(path)) if name == "parameter" => format!("parameter.{path}"),
+        _ => name.to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::lease::{Authority, LeaseAction, LeaseRequest};
+    use proptest::prelude::*;
+    use serde_json::json;
+    use supertwin_core::command::{ControllerCommand, GuidanceCommand};
+
+    const NOW: Duration = Duration::from_secs(1);
+
+    fn lease() -> LeaseView {
+        lease_of("anna")
+    }
+
+    fn lease_of(client: &str) -> LeaseView {
+        let mut authority = Authority::default();
+        let request =
+            LeaseRequest { client: client.to_owned(), action: LeaseAction::Acquire, for_s: 50.0, token: String::new() };
+        assert!(authority.answer(&request, "t", NOW).0.granted);
+        authority.view().clone()
+    }
+
+    fn moment(next: u64) -> Moment {
+        Moment { now: NOW, next, tick_s: 0.02, lead: 3 }
+    }
+
+    fn ask(desk: &mut Desk<GuidanceCommand>, name: &str, body: &Value) -> Answer {
+        desk.submit(name, body.to_string().as_bytes(), &lease(), moment(10), |command| match command {
+            GuidanceCommand::DepthM(setpoint) => setpoint.check("depth_m", 0.0, 14.0),
+            _ => Ok(()),
+        })
+    }
+
+    fn reason(answer: Answer) -> String {
+        match answer {
+            Answer::Refused { reason, .. } => reason,
+            Answer::Scheduled { .. } => panic!("{answer:?} should have been refused"),
+        }
+    }
+
+    #[test]
+    fn a_request_is_scheduled_once_however_often_it_comes() {
+        let mut desk = Desk::new(&[]);
+        let body = json!({"client": "anna", "seq": 1, "token": "t", "value": 5.0});
+        let first = ask(&mut desk, "depth_m", &body);
+        assert_eq!(first, Answer::Scheduled { seq: 1, apply_tick: 13, tick: 10 });
+        assert_eq!(ask(&mut desk, "depth_m", &body), first);
+        assert_eq!(desk.waiting(), 1);
+        assert!(desk.due(12).is_empty());
+        assert_eq!(desk.due(13).len(), 1);
+        assert_eq!(desk.waiting(), 0);
+        assert!(reason(ask(&mut desk, "speed_m_per_s", &body)).contains("seq = 1: must be greater than 1"));
+        let old = json!({"client": "anna", "seq": 0, "token": "t", "value": 6.0});
+        assert!(reason(ask(&mut desk, "depth_m", &old)).contains("must be greater"));
+    }
+
+    #[test]
+    fn what_may_not_be_is_refused_with_its_reason_and_changes_nothing() {
+        let mut desk = Desk::new(&[]);
+        let good = json!({"client": "anna", "seq": 1, "token": "t", "value": 5.0});
+        let with = |name: &str, value: Value| {
+            let mut body = good.clone();
+            body[name] = value;
+            body
+        };
+        for (name, body, says) in [
+            ("depth_m", with("token", json!("guess")), "wrong token"),
+            ("depth_m", with("client", json!("ben")), "anna holds"),
+            ("depth_m", with("client", json!("a/b")), "client: must be"),
+            ("depth_m", with("value", json!(99.0)), "between 0 and 14"),
+            ("depth_m", with("value", json!("deep")), "depth_m: "),
+            ("depth_m", with("value", json!(null)), "depth_m: "),
+            ("depth_m", with("at_tick", json!(9)), "is over"),
+            ("depth_m", with("at_tick", json!(u64::MAX)), "an hour ahead"),
+            ("depth_m", with("extra", json!(1)), "unknown field"),
+            ("dive", good.clone(), "unknown variant"),
+            ("mode", with("value", json!("sideways")), "unknown variant"),
+        ] {
+            let reason = reason(ask(&mut desk, name, &body));
+            assert!(reason.contains(says), "{name} {body}: {reason}");
+        }
+        let huge = "x".repeat(MAX_REQUEST + 1);
+        let answer = desk.submit("depth_m", huge.as_bytes(), &lease(), moment(10), |_| Ok(()));
+        assert!(reason(answer).contains("at most"));
+        assert_eq!((desk.waiting(), desk.counts.scheduled), (0, 0));
+    }
+
+    #[test]
+    fn everybody_may_demand_neutral_and_only_the_holder_may_end_it() {
+        let mut desk: Desk<ControllerCommand> = Desk::new(&[]);
+        let mut ask = |value: bool| {
+            let body = json!({"client": "passer-by", "seq": 1, "value": value});
+            desk.submit("neutral", body.to_string().as_bytes(), &LeaseView::default(), moment(10), |_| Ok(()))
+        };
+        assert!(reason(ask(false)).contains("nobody holds"));
+        assert_eq!(ask(true), Answer::Scheduled { seq: 1, apply_tick: 10, tick: 10 });
+    }
+
+    #[test]
+    fn a_mission_waits_for_its_ticks() {
+        let mission = [(5, GuidanceCommand::DepthM(supertwin_core::command::Setpoint::Constant(2.0)))];
+        let mut desk = Desk::new(&mission);
+        assert!(desk.due(4).is_empty());
+        let due = desk.due(7);
+        assert_eq!((due.len(), due[0].by.as_deref(), due[0].name.as_str()), (1, None, "depth_m"));
+    }
+
+    #[test]
+    fn a_cry_for_help_is_heard_every_time_and_locks_nobody_out() {
+        let mut desk: Desk<ControllerCommand> = Desk::new(&[]);
+        let mut ask = |seq: u64, token: &str, value: bool, next: u64| {
+            let body = json!({"client": "anna", "seq": seq, "token": token, "value": value});
+            let answer = desk.submit("neutral", body.to_string().as_bytes(), &lease(), moment(next), |_| Ok(()));
+            let due = desk.due(next + 3).len();
+            (matches!(answer, Answer::Scheduled { .. }), due)
+        };
+        assert_eq!(ask(1, "", true, 10), (true, 1));
+        assert_eq!(ask(1, "t", false, 20), (true, 1));
+        assert_eq!(ask(1, "", true, 30), (true, 1), "the same words again are a new cry");
+        assert_eq!(ask(u64::MAX, "", true, 40), (true, 1));
+        assert_eq!(ask(2, "t", false, 50), (true, 1), "nobody has used up anna's numbers");
+    }
+
+    #[test]
+    fn numbers_begin_anew_with_every_lease() {
+        let mut desk: Desk<GuidanceCommand> = Desk::new(&[]);
+        for (token, granted) in [("t", true), ("other", false)] {
+            let body = json!({"client": "anna", "seq": 1, "token": token, "value": "neutral"});
+            let answer = desk.submit("mode", body.to_string().as_bytes(), &lease(), moment(10), |_| Ok(()));
+            assert_eq!(matches!(answer, Answer::Scheduled { .. }), granted);
+            assert!(granted || reason(answer).contains("wrong token"), "refused for its token, not for its number");
+        }
+    }
+
+    #[test]
+    fn memory_is_bounded_however_many_clients_come() {
+        let mut desk: Desk<ControllerCommand> = Desk::new(&[]);
+        for i in 0..1000 {
+            let client = format!("c{i}");
+            let body = json!({"client": client, "seq": 1, "token": "t", "value": false});
+            desk.submit("neutral", body.to_string().as_bytes(), &lease_of(&client), moment(10), |_| Ok(()));
+            desk.due(13);
+        }
+        assert_eq!((desk.clients.len(), desk.counts.scheduled), (MAX_CLIENTS, 1000));
+        for i in 0..1000 {
+            let body = json!({"client": format!("c{i}"), "seq": 1, "value": true});
+            desk.submit("neutral", body.to_string().as_bytes(), &LeaseView::default(), moment(20), |_| Ok(()));
+        }
+        assert_eq!(desk.waiting(), 1, "a thousand cries before a tick are one");
+    }
+
+    proptest! {
+        #[test]
+        fn no_bytes_make_a_command_without_authority(payload: Vec<u8>, name in "[a-z_]{1,12}") {
+            let mut desk: Desk<GuidanceCommand> = Desk::new(&[]);
+            let answer = desk.submit(&name, &payload, &LeaseView::default(), moment(3), |_| Ok(()));
+            let refused = matches!(answer, Answer::Refused { .. });
+            prop_assert!(refused);
+            prop_assert_eq!(desk.waiting(), 0);
+        }
+    }
+}

@@ -1,0 +1,150 @@
+//! What travels on a wire: a message with its run, source, tick and sequence number, as JSON with exact floats.
+
+use schemars::JsonSchema;
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
+use std::time::Duration;
+
+/// Largest payload that is looked at, in bytes.
+pub const MAX_PAYLOAD: usize = 64 * 1024;
+
+/// A message on its way.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Envelope<'a, T> {
+    /// Which run it belongs to; a client that is no service may leave it empty.
+    #[serde(borrow, default)]
+    pub run: Cow<'a, str>,
+    /// Which instance of which service sent it.
+    #[serde(borrow)]
+    pub source: Cow<'a, str>,
+    /// The tick it was made at.
+    pub tick: u64,
+    /// Counts the source's messages on this key, from 1.
+    pub seq: u64,
+    /// Simulation time of the tick.
+    #[serde(default)]
+    pub sim_time_s: f64,
+    /// The sender's clock, nanoseconds since 1970.
+    #[serde(default)]
+    pub clock_ns: u64,
+    /// Hash of the sending block's state and output at this tick, 16 hexadecimal digits.
+    #[serde(borrow, default, skip_serializing_if = "Option::is_none")]
+    pub digest: Option<Cow<'a, str>>,
+    /// Sent again because nothing was heard.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub repeat: bool,
+    /// The message.
+    pub data: T,
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde calls it so")]
+fn is_false(flag: &bool) -> bool {
+    !flag
+}
+
+/// A sample that was heard.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Heard {
+    /// Its full key.
+    pub key: String,
+    /// Its bytes.
+    pub payload: Vec<u8>,
+    /// The key was deleted, or whoever showed to be alive no longer does.
+    pub gone: bool,
+    /// The listener's clock at its arrival.
+    pub at: Duration,
+}
+
+/// A payload that is no message.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Rejected {
+    /// Not looked at.
+    #[error("{0} bytes: must be at most {MAX_PAYLOAD}")]
+    TooLarge(usize),
+    /// Not this message.
+    #[error("{0}")]
+    Malformed(String),
+}
+
+/// Appends the JSON of `envelope` to `out`.
+///
+/// # Errors
+/// When the value can't be written as JSON.
+pub fn encode<T: Serialize>(envelope: &Envelope<'_, T>, out: &mut Vec<u8>) -> Result<(), Rejected> {
+    serde_json::to_writer(out, envelope).map_err(|error| Rejected::Malformed(error.to_string()))
+}
+
+/// Reads a message. JSON has no NaN and no infinity, and a number too large for a double is refused: what comes
+/// back is finite.
+///
+/// # Errors
+/// Says what is wrong, and where.
+pub fn decode<T: DeserializeOwned>(payload: &[u8]) -> Result<Envelope<'_, T>, Rejected> {
+    if payload.len() > MAX_PAYLOAD {
+        return Err(Rejected::TooLarge(payload.len()));
+    }
+    serde_json::from_slice(payload).map_err(|error| Rejected::Malformed(error.to_string()))
+}
+
+/// Reads who sent a message, when, and with which number; what it says is not looked at.
+///
+/// # Errors
+/// As [`decode`].
+pub fn head(payload: &[u8]) -> Result<Envelope<'_, serde::de::IgnoredAny>, Rejected> {
+    decode(payload)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use supertwin_core::message::{Measurements, Nav};
+
+    fn envelope<T>(data: T) -> Envelope<'static, T> {
+        Envelope {
+            run: "r1".into(),
+            source: "estimator-1".into(),
+            tick: 7,
+            seq: 8,
+            sim_time_s: 0.14,
+            clock_ns: 1,
+            digest: Some("00000000000000ff".into()),
+            repeat: false,
+            data,
+        }
+    }
+
+    #[test]
+    fn a_message_comes_back_bit_for_bit() {
+        let nav = Nav { depth_m: 0.1 + 0.2, heading_rad: -1.0e-310, ..Nav::default() };
+        let mut bytes = Vec::new();
+        encode(&envelope(nav.clone()), &mut bytes).expect("encodes");
+        let back: Envelope<'_, Nav> = decode(&bytes).expect("decodes");
+        assert_eq!(back.data.depth_m.to_bits(), nav.depth_m.to_bits());
+        assert_eq!(back.data.heading_rad.to_bits(), nav.heading_rad.to_bits());
+        assert_eq!(back, envelope(nav));
+    }
+
+    #[test]
+    fn what_is_no_message_is_refused() {
+        let mut good = Vec::new();
+        encode(&envelope(Measurements::default()), &mut good).expect("encodes");
+        let good = String::from_utf8(good).expect("is text");
+        for bad in [
+            String::new(),
+            "\u{0}\u{1}garbage".to_owned(),
+            good.replace("\"tick\":7", "\"tick\":-7"),
+            good.replace("\"tick\":7", "\"tick\":7,\"extra\":1"),
+            good.replace("\"depth\":null", "\"depth\":{\"taken_at_s\":0.0,\"depth_m\":NaN}"),
+            good.replace("\"depth\":null", "\"depth\":{\"taken_at_s\":0.0,\"depth_m\":1e999}"),
+            good.replace("\"depth\":null", "\"depth\":{\"taken_at_s\":0.0,\"depth_m\":null}"),
+            good[..good.len() - 2].to_owned(),
+        ] {
+            assert!(decode::<Measurements>(bad.as_bytes()).is_err(), "{bad}");
+        }
+        assert!(decode::<Measurements>(good.as_bytes()).is_ok());
+        let padded = format!("{good}{}", " ".repeat(MAX_PAYLOAD));
+        assert!(matches!(decode::<Measurements>(padded.as_bytes()), Err(Rejected::TooLarge(_))));
+    }
+}
