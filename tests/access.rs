@@ -1,8 +1,7 @@
 //! Who may do what, over real TLS: each role tries each verb on each key, and finds exactly the documented matrix. Who has
 //! no business here gets nowhere and leaves a trace.
 
-mod support;
-
+use crate::support::{CONFIG, Listener, Place, Process, SERVICES, following, listening};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -15,7 +14,6 @@ use supertwin_protocol::role::{Role, Scope};
 use supertwin_protocol::{Clock, SystemClock, keys};
 use supertwin_zenoh::access_control::probe::{Seen, Witness};
 use supertwin_zenoh::{Link, Session};
-use support::{CONFIG, LIMIT, Listener, Place, Process, SERVICES, following, listening};
 
 const ROV: &str = "rov";
 
@@ -98,19 +96,6 @@ fn router(place: &Place, authority: &Authority, vehicle: &str, clock: &SystemClo
     let said = process.json();
     assert!(said["access_rules"].as_str().is_some_and(|hash| hash.len() == 16), "{said}");
     (process, listening(&said, "tls"))
-}
-
-/// Until the router has said something on standard error, after so many lines; what.
-fn trace(router: &Process, after: usize, what: &str) -> String {
-    let clock = SystemClock::start();
-    let deadline = clock.now() + LIMIT;
-    loop {
-        if let Some(line) = router.errors().lines().skip(after).find(|line| line.contains(what)) {
-            return line.to_owned();
-        }
-        assert!(clock.now() < deadline, "no trace of {what}: {}", router.errors());
-        std::thread::yield_now();
-    }
 }
 
 #[test]
@@ -198,7 +183,7 @@ fn who_has_no_certificate_of_the_fleet_gets_no_word_in_and_leaves_a_trace() {
         let before = locked.router.errors().lines().count();
         let session = raw(&locked.tls, &tls);
         assert!(session.is_err(), "{what}: was let in");
-        let line = trace(&locked.router, before, trace_of);
+        let line = locked.router.until_error(before, trace_of);
         assert!(line.starts_with("refused: a connection was refused"), "{what}: {line}");
     }
     // The door is no worse for it.
@@ -218,7 +203,7 @@ fn a_certificate_counts_for_its_vehicle_alone_and_a_fleets_for_all() {
             assert_eq!(seen, Seen::Nothing, "{verb} {:?}", row.keys);
         }
     }
-    trace(&locked.router, 0, "has no role here and may do nothing");
+    locked.router.until_error(0, "has no role here and may do nothing");
     let fleet = locked.join(&locked.issue_for(Role::Operator, Scope::Fleet, "anna")).expect("is of the fleet");
     let lease = row(keys::LEASE);
     assert_eq!(witness.attempt(&fleet, &lease, Verb::Get, true).expect("sessions live"), Seen::All);
@@ -255,13 +240,13 @@ fn what_somebody_may_not_is_told_with_his_name_and_honest_clients_cause_no_such_
     let observer = locked.session(Role::Observer);
     let lease = row(keys::LEASE);
     assert_eq!(witness.attempt(&observer, &lease, Verb::Get, false).expect("sessions live"), Seen::Nothing);
-    let told = trace(&locked.router, 0, "may not");
+    let told = locked.router.until_error(0, "may not");
     assert!(told.contains("refused: observer.rov (session ") && told.contains("may not query on"), "{told}");
     let first = locked.router.errors().lines().find(|line| line.starts_with("refused")).map(str::to_owned);
     assert_eq!(first, Some(told.clone()), "what was allowed was not refused");
     let text = told.trim_start_matches("refused: ");
     listener.until("the event of the router", |key, value| key == "event/router" && value["data"]["text"] == *text);
-    trace(&locked.router, 0, "observer.rov has come from 127.0.0.1:");
+    locked.router.until_error(0, "observer.rov has come from 127.0.0.1:");
 }
 
 #[test]

@@ -1,11 +1,9 @@
 //! The command line as a user meets it: real processes, real files, real signals.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
-mod support;
-
+use crate::support::{CONFIG, Place};
 use std::path::Path;
 use supertwin_rerun::read;
-use support::{CONFIG, Place};
 
 fn is_empty(folder: &Path) -> bool {
     std::fs::read_dir(folder).unwrap().next().is_none()

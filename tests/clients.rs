@@ -3,8 +3,7 @@
 //! The client comes from PyPI into `target`, once. What a program does is judged by the vehicle's true state.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
-mod support;
-
+use crate::support::{Events, Listener, Place, Process, Proxy, SERVICES, listening};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::fs;
@@ -12,7 +11,6 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use supertwin_zenoh::Client;
-use support::{Events, Listener, Place, Process, Proxy, SERVICES, listening};
 
 const PROGRAMS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/clients");
 /// The same version as our own.

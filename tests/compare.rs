@@ -1,10 +1,7 @@
 //! What a user does with several runs: which one is better, by how much, how sure is that, and does it pass.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
-#[path = "support/python.rs"]
-mod python;
-mod support;
-
+use crate::support::{CONFIG, Place, following, python};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::fs;
@@ -15,7 +12,6 @@ use supertwin_lab::statistics::{RESAMPLES, bootstrap_interval, mean, quantile, s
 use supertwin_lab::{Library, trial};
 use supertwin_rerun::table::{Column, Table};
 use supertwin_rerun::{Options, RerunSink};
-use support::{CONFIG, Place, following};
 
 /// Records seeds of trials for 23 s, of which the last six are scored.
 fn record(place: &Place, out: &str, trials: &[&str], seeds: u64, more: &[&str]) -> Value {

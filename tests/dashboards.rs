@@ -1,9 +1,7 @@
 //! The dashboards show what recordings contain, and every curve can be seen in the real viewer.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
-#[path = "support/python.rs"]
-mod support;
-
+use crate::support::python;
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -289,10 +287,10 @@ type Counts = BTreeMap<String, Vec<u64>>;
 
 /// Draws what `jobs` say of a recording, and cuts the viewer's own bar off the pictures in `crop`.
 fn draw(name: &str, recording: &Path, jobs: &[Value], crop: &[&str]) -> Counts {
-    let environment = support::environment();
+    let environment = python::environment();
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/support/pictures.py");
     let mut command = Command::new(environment.join("bin/python"));
-    command.arg(script).arg(support::viewer(&environment)).args([recording, &folder()]).arg(name).args(crop);
+    command.arg(script).arg(python::viewer(&environment)).args([recording, &folder()]).arg(name).args(crop);
     let mut running = command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
     serde_json::to_writer(running.stdin.take().unwrap(), jobs).unwrap();
     let output = running.wait_with_output().unwrap();
@@ -348,7 +346,7 @@ fn every_curve_of_every_plot_can_be_seen() {
         let jobs = dashboards.iter().map(|dashboard| job(&format!("{name}-{dashboard}"), named(dashboard), recording));
         let (jobs, plots): (Vec<Value>, Vec<Vec<View>>) = jobs.unzip();
         assert!(plots.iter().all(|plots| !plots.is_empty()), "{name}");
-        if !support::pictures_are_wanted() {
+        if !python::can_draw() {
             continue;
         }
         let counts = draw(name, path, &jobs, &[]);
@@ -448,7 +446,7 @@ fn look(name: &str, path: &Path, merged: &Merged) -> Vec<String> {
         jobs.push(json!({ "name": tab, "file": save(&tab, dashboard), "plots": looked_at }));
         plots.extend(of_tab);
     }
-    if !support::pictures_are_wanted() {
+    if !python::can_draw() {
         return Vec::new();
     }
     let counts = draw(name, path, &jobs, &[]);
@@ -498,7 +496,7 @@ fn the_pictures_of_the_readme_can_be_made() {
     let (path, recording) = &recordings()["paper-agsta"];
     let tracking = Dashboard::named("tracking", &about(recording)).unwrap();
     let job = json!({ "name": "tracking", "file": save("tracking", tracking), "plots": [] });
-    if support::pictures_are_wanted() {
+    if python::can_draw() {
         draw("overview", path, &[job], &["overview", "tracking"]);
     }
     for picture in ["overview.png", "tracking.png"] {

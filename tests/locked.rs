@@ -1,14 +1,12 @@
 //! From nothing to a locked vehicle, by the commands of the README and as they stand there: in a network of its own, at
 //! the README's addresses.
 
-mod support;
-
+use crate::support::{CONFIG, Place, Process};
 use std::fmt::Write;
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
-use support::{CONFIG, Place, Process};
 
 const README: &str = include_str!("../README.md");
 const TOP: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../..");

@@ -1,7 +1,6 @@
 //! Split deployments for real: separate processes, a router, a tether that is cut, stalls or lags, services that are killed.
 
-mod support;
-
+use crate::support::{CONFIG, Cable, Events, Listener, Place, Process, Proxy, SERVICES, following, listening};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -9,7 +8,6 @@ use std::time::Duration;
 use supertwin_protocol::lease::LeaseAction;
 use supertwin_zenoh::Link;
 use supertwin_zenoh::session::exposures;
-use support::{CONFIG, Cable, Events, Listener, Place, Process, Proxy, SERVICES, following, listening};
 
 /// The vehicle's name in these tests.
 const ROV: &str = "rov";
@@ -194,7 +192,7 @@ fn guidance_topside_of_a_cut_tether_the_vehicle_brakes_and_holds_by_itself() {
     });
     assert!(numbers.windows(2).all(|pair| pair[1] == pair[0] + 1), "the listener on the vehicle missed nothing");
     assert!(numbers[0] <= 1 || first >= numbers[0], "and was there before guidance");
-    let sent_to_guidance = numbers.iter().filter(|number| (first..=last).contains(number)).count() as u64;
+    let sent_to_guidance = numbers.iter().copied().filter(|number| (first..=last).contains(number)).count() as u64;
     assert_eq!(sent_to_guidance - account["received"].as_u64().expect("a count"), missing);
 
     // Whoever listened topside was cut off as well, and yet has every event, those of the cut included.
@@ -305,11 +303,11 @@ fn a_router_that_restarts_is_found_again() {
     let told = vehicle.listen().events();
     travels(&beside);
     vehicle.router.kill();
-    // Longer than the controller's patience with a silent guidance.
-    beside.during(Duration::from_millis(1500), |_, _| {});
+    // A tool waits for three seconds before it gives up: longer than the controller's patience with a silent guidance.
+    let nobody = vehicle.place.call(&["top", "--connect", &vehicle.place.socket]);
+    assert!(nobody.code == Some(2) && nobody.err.contains("no router at"), "{nobody:?}");
     (vehicle.router, vehicle.tcp) = router(&vehicle.place, None, "127.0.0.1", &[]);
-    let back = beside.clock.now();
-    while beside.next().2 < back {}
+    beside.fresh();
     let speed = stays_bounded(&beside, 100);
     assert!(speed < 0.6, "{speed} m/s two seconds after the router came back");
     until_status(&beside, "tracking");
@@ -340,7 +338,7 @@ fn the_deadman_acts_within_its_time() {
     for sample in 0..20 {
         let_go = beside.clock.now();
         pilot.stream("speed_m_per_s", Some(0.1 + 0.001 * f64::from(sample))).expect("is sent");
-        beside.during(Duration::from_millis(50), |_, _| {});
+        (0..3).for_each(|_| beside.fresh());
     }
     let (now, _) = beside.until("telemetry", |key, _| key == "telemetry/guidance");
     assert_eq!(label(&now, "guidance/reason"), "commanded", "while the stream runs");

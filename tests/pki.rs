@@ -1,11 +1,9 @@
 //! Certificates by the command line: what it makes, what it refuses, and what it says about those that need a hand.
 
-mod support;
-
+use crate::support::Place;
 use serde_json::Value;
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
-use support::Place;
 
 fn fleet() -> Place {
     let place = Place::new();

@@ -1,9 +1,7 @@
 //! What a user does with recordings: looks into them, makes them whole, takes them elsewhere.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
-#[path = "support/python.rs"]
-mod python;
-
+use crate::support::python;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fs;

@@ -1,16 +1,13 @@
 //! Certificates that end while everything runs, over real TLS: their links close, the renewed ones are back by themselves,
 //! and no event is lost.
 
-mod support;
-
+use crate::support::{Events, LIMIT, Listener, Place, Process, Proxy, following, listening};
 use serde_json::json;
 use std::cell::RefCell;
 use std::sync::Arc;
 use std::time::Duration;
 use supertwin_pki as pki;
-use supertwin_protocol::{Clock, SystemClock};
 use supertwin_zenoh::{Client, Inbox};
-use support::{Events, LIMIT, Listener, Place, Process, Proxy, following, listening};
 
 const ROV: &str = "rov";
 
@@ -95,7 +92,7 @@ impl Split {
             pilot.command("plant", "thruster_gain", healthy, None).expect("the vehicle hears");
             // Guidance may be cut off just now.
             let _ = pilot.command("guidance", "depth_m", json!(4.0), None);
-            self.beside.during(Duration::from_millis(50), |_, _| {});
+            self.beside.fresh();
         }
     }
 
@@ -196,17 +193,9 @@ fn a_stranger_is_told_why_and_a_half_copied_certificate_changes_nothing() {
     let certificate = place.path().join("pki/argus/argus.pem");
     let whole = std::fs::read(&certificate).expect("is there");
     std::fs::write(&certificate, &whole[..100]).expect("is ours");
-    router_says(&router, "the certificate in force stays");
+    router.until_error(0, "the certificate in force stays");
     list(&tls, "pki/ben").well();
     std::fs::write(&certificate, &whole).expect("is ours");
-    router_says(&router, "in force until");
+    router.until_error(0, "in force until");
     list(&tls, "pki/ben").well();
-}
-
-fn router_says(router: &Process, text: &str) {
-    let clock = SystemClock::start();
-    while !router.errors().contains(text) {
-        assert!(clock.now() < LIMIT, "never said {text}: {}", router.errors());
-        std::thread::park_timeout(Duration::from_millis(20));
-    }
 }

@@ -1,8 +1,7 @@
 //! Replay for real: what was recorded in one process, in lock step and in real time comes back bit for bit; what was tampered
 //! with is found; a what-if is a recording like any other.
 
-mod support;
-
+use crate::support::{CONFIG, Ended, Listener, Place, Process, Proxy, SERVICES, following, listening};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -10,7 +9,6 @@ use supertwin_core::run::Properties;
 use supertwin_core::{Event, Probe, RunHeader, RunSink, Signal, SinkError, Tick};
 use supertwin_lab::{Library, trial};
 use supertwin_rerun::{Options, Recording, RerunSink, read};
-use support::{CONFIG, Ended, Listener, Place, Process, Proxy, SERVICES, following, listening};
 
 /// The vehicle's name in these tests.
 const ROV: &str = "rov";

@@ -3,10 +3,7 @@
 //! Judged by somebody else's reader of JSON Schema, in Python.
 #![allow(clippy::unwrap_used, reason = "a test that can not go on has failed")]
 
-#[path = "support/python.rs"]
-mod python;
-mod support;
-
+use crate::support::{Listener, Place, python};
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -14,7 +11,6 @@ use std::path::Path;
 use supertwin_core::message::{Message, Nav};
 use supertwin_protocol::command_queue::Answer;
 use supertwin_zenoh::ClientError;
-use support::{Listener, Place};
 
 /// Reads schemas from a folder, checks that they are schemas, and that each line `[expected, name, payload]` fits its
 /// schema or does not, as expected. Prints how many of each name were as expected.

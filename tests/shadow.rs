@@ -1,11 +1,9 @@
 //! The twin beside a real vehicle. A second plant plays the vehicle and its driver.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
-mod support;
-
+use crate::support::{Listener, Place, Process};
 use serde_json::Value;
 use std::collections::BTreeMap;
-use support::{Listener, Place, Process};
 
 /// What one plant said of where it is, by tick.
 type Truths = BTreeMap<u64, Value>;

@@ -1,15 +1,11 @@
 //! Campaigns as a researcher meets them: killed and resumed, cut into parts, on a cluster, with runs that end in NaN.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
-#[path = "support/python.rs"]
-mod python;
-mod support;
-
+use crate::support::{CONFIG, Ended, Place, Process, python};
 use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
 use supertwin_rerun::{Column, Table, read};
-use support::{CONFIG, Ended, Place, Process};
 
 /// Two controllers, three wave heights, seeds: a campaign that takes a moment.
 fn spec(place: &Place, seeds: u64, duration_s: f64) -> PathBuf {

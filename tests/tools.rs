@@ -1,10 +1,8 @@
 //! The operator's tools as an operator meets them: real services in their own process, real calls, real signals.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
-mod support;
-
+use crate::support::{Ended, Place, Process, SERVICES};
 use serde_json::Value;
-use support::{Ended, Place, Process, SERVICES};
 
 /// What the operator's tools need of a place.
 impl Place {

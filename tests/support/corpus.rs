@@ -6,7 +6,7 @@ use std::path::Path;
 /// Calls `check` with every file of the corpus, with each cut short, and with bytes changed.
 ///
 /// `folder` is the crate's own; at least `least` files must be there.
-pub fn replay(folder: &str, target: &str, least: usize, variants: usize, check: impl Fn(&[u8])) {
+pub fn assert_for_corpus(folder: &str, target: &str, least: usize, variants: usize, check: impl Fn(&[u8])) {
     let corpus = Path::new(folder).join("fuzz/corpus").join(target);
     let mut paths: Vec<_> =
         fs::read_dir(&corpus).expect("a corpus").map(|entry| entry.expect("a file").path()).collect();

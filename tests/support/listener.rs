@@ -65,6 +65,12 @@ impl Listener {
         (key.strip_prefix(&self.prefix).unwrap_or(&key).to_owned(), value, at)
     }
 
+    /// Reads until something has come from now on.
+    pub fn fresh(&self) {
+        let now = self.clock.now();
+        while self.next().2 < now {}
+    }
+
     /// Reads until `wanted` says that this is it.
     pub fn until(&self, what: &str, mut wanted: impl FnMut(&str, &Value) -> bool) -> (Value, Duration) {
         let give_up = self.clock.now() + LIMIT;
@@ -77,7 +83,7 @@ impl Listener {
         }
     }
 
-    /// Reads what comes for a while; nothing needs to come.
+    /// Looks at what comes for a while; nothing needs to come.
     pub fn during(&self, span: Duration, mut look: impl FnMut(&str, &Value)) {
         let end = self.clock.now() + span;
         while let Some(heard) = self.inbox.next(Some(end)) {

@@ -7,7 +7,7 @@ use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Condvar, Mutex};
 use std::thread::JoinHandle;
 use supertwin_protocol::{Clock, SystemClock};
 use tempfile::TempDir;
@@ -109,7 +109,7 @@ impl Ended {
 pub struct Process {
     child: Child,
     lines: Receiver<String>,
-    errors: Arc<Mutex<String>>,
+    errors: Arc<(Mutex<String>, Condvar)>,
     threads: Vec<JoinHandle<()>>,
     called: String,
     clock: SystemClock,
@@ -123,7 +123,7 @@ impl Process {
         let mut child = command.spawn().unwrap_or_else(|error| panic!("{called}: {error}"));
         let (stdout, stderr) = (child.stdout.take().expect("is piped"), child.stderr.take().expect("is piped"));
         let (sender, lines) = channel();
-        let errors = Arc::new(Mutex::new(String::new()));
+        let errors = Arc::new((Mutex::new(String::new()), Condvar::new()));
         let heard = Arc::clone(&errors);
         let threads = vec![
             // Reads to the end, also when nobody listens any more: a full pipe would hold the process up.
@@ -132,7 +132,8 @@ impl Process {
             }),
             std::thread::spawn(move || {
                 for line in BufReader::new(stderr).lines().map_while(Result::ok) {
-                    *heard.lock().expect("not poisoned") += &(line + "\n");
+                    *heard.0.lock().expect("not poisoned") += &(line + "\n");
+                    heard.1.notify_all();
                 }
             }),
         ];
@@ -169,7 +170,19 @@ impl Process {
 
     /// Standard error so far.
     pub fn errors(&self) -> String {
-        self.errors.lock().expect("not poisoned").clone()
+        self.errors.0.lock().expect("not poisoned").clone()
+    }
+
+    /// Waits until a line of standard error, after the first `after` of them, contains `words`; that line.
+    pub fn until_error(&self, after: usize, words: &str) -> String {
+        let (errors, grown) = &*self.errors;
+        let line = |errors: &str| errors.lines().skip(after).find(|line| line.contains(words)).map(str::to_owned);
+        let errors = errors.lock().expect("not poisoned");
+        let (errors, _) =
+            grown.wait_timeout_while(errors, LIMIT, |errors| line(errors).is_none()).expect("not poisoned");
+        let found = line(&errors);
+        drop(errors);
+        found.unwrap_or_else(|| self.fail(&format!("never said {words}")))
     }
 
     fn fail(&self, what: &str) -> ! {

@@ -4,7 +4,7 @@ use std::io::{Read, Write};
 use std::net::{Shutdown, TcpListener, TcpStream};
 use std::process::{Command, Stdio};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, mpsc};
+use std::sync::{Arc, Condvar, Mutex, mpsc};
 use std::time::Duration;
 use supertwin_protocol::{Clock, SystemClock};
 
@@ -20,7 +20,8 @@ struct ProxyState {
     target: String,
     taken: AtomicU64,
     cut: AtomicBool,
-    stalled: AtomicBool,
+    stalled: Mutex<bool>,
+    flows: Condvar,
     delay_ms: AtomicU64,
     open: Mutex<Vec<TcpStream>>,
     clock: SystemClock,
@@ -38,7 +39,8 @@ impl Proxy {
             target: target.to_owned(),
             taken: AtomicU64::new(0),
             cut: AtomicBool::new(false),
-            stalled: AtomicBool::new(false),
+            stalled: Mutex::new(false),
+            flows: Condvar::new(),
             delay_ms: AtomicU64::new(0),
             open: Mutex::new(Vec::new()),
             clock: SystemClock::start(),
@@ -87,7 +89,8 @@ impl Proxy {
 
     /// Keeps connections open and forwards nothing, or goes on.
     pub fn stall(&self, stalled: bool) {
-        self.state.stalled.store(stalled, Ordering::SeqCst);
+        *self.state.stalled.lock().expect("not poisoned") = stalled;
+        self.state.flows.notify_all();
     }
 
     /// Holds everything back for so long, in each direction.
@@ -103,9 +106,8 @@ fn forward(mut from: TcpStream, mut to: TcpStream, state: Arc<ProxyState>) {
     std::thread::spawn(move || {
         let mut buffer = [0; 16 * 1024];
         while let Ok(n @ 1..) = from.read(&mut buffer) {
-            while reading.stalled.load(Ordering::SeqCst) {
-                std::thread::park_timeout(Duration::from_millis(2));
-            }
+            let stalled = reading.stalled.lock().expect("not poisoned");
+            drop(reading.flows.wait_while(stalled, |stalled| *stalled).expect("not poisoned"));
             let due = reading.clock.now() + Duration::from_millis(reading.delay_ms.load(Ordering::SeqCst));
             if send.send((due, buffer[..n].to_vec())).is_err() {
                 break;
@@ -114,13 +116,8 @@ fn forward(mut from: TcpStream, mut to: TcpStream, state: Arc<ProxyState>) {
     });
     std::thread::spawn(move || {
         for (due, bytes) in receive {
-            loop {
-                let left = due.saturating_sub(state.clock.now());
-                if left.is_zero() {
-                    break;
-                }
-                std::thread::park_timeout(left);
-            }
+            // The delay itself, not a wait for something.
+            std::thread::sleep(due.saturating_sub(state.clock.now()));
             if to.write_all(&bytes).is_err() {
                 break;
             }

@@ -1,8 +1,6 @@
 //! Allocation: exact within the limits, direction-preserving beyond them, never more than a thruster can do.
 
-mod common;
-
-use common::{thrusters, tolerance};
+use crate::common::{thrusters, tolerance};
 use nalgebra::{Vector3, Vector4};
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;

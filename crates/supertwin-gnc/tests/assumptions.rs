@@ -14,9 +14,7 @@
 //! Numerical means: over a dense sample of the range, with analytic bounds where there are any. It says nothing about
 //! velocities outside the range, where quadratic drag makes ρ grow.
 
-mod common;
-
-use common::nominal;
+use crate::common::nominal;
 use nalgebra::{Matrix4, Vector4};
 use supertwin_core::random::Stream;
 use supertwin_gnc::control::super_twisting::{Gains, certificate, phi1};

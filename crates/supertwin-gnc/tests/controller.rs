@@ -1,8 +1,6 @@
 //! The controller block: what it does when inputs are stale, when laws change, and when numbers are none.
 
-mod common;
-
-use common::{H_S, law_config, nominal, thrusters, tick};
+use crate::common::{self, H_S, law_config, nominal, thrusters, tick};
 use nalgebra::{SVector, Vector4};
 use supertwin_core::command::ControllerCommand;
 use supertwin_core::frame::ssa;

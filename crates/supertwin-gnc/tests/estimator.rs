@@ -1,8 +1,6 @@
 //! The extended Kalman filter, the estimator block and both net planes: consistency, gates, faults.
 
-mod common;
-
-use common::{H_S, estimator_config, nominal, tick};
+use crate::common::{self, H_S, estimator_config, nominal, tick};
 use core::f64::consts::PI;
 use nalgebra::{Vector3, Vector4};
 use supertwin_core::command::EstimatorCommand;

@@ -1,8 +1,6 @@
 //! Line of sight, reference models and the guidance block; oracles: control.md, tests T7 and T15.
 
-mod common;
-
-use common::{H_S, guidance_config, tick};
+use crate::common::{H_S, guidance_config, tick};
 use core::f64::consts::PI;
 use supertwin_core::command::{GuidanceCommand, Setpoint};
 use supertwin_core::frame::ssa;

@@ -1,8 +1,6 @@
 //! The control laws on all four axes, from their real parameter files; oracles: control.md, tests T4 and T14.
 
-mod common;
-
-use common::{H_S, axes, errors, input, law, law_config_with, nominal};
+use crate::common::{self, H_S, axes, errors, input, law, law_config_with, nominal};
 use nalgebra::Vector4;
 use supertwin_core::message::WrenchRequest;
 use supertwin_core::observe::Snapshot;

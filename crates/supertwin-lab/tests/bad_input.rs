@@ -1,7 +1,6 @@
 //! Bad configuration: each an error that names file, place, value and rule.
 
-mod common;
-
+use crate::common;
 use std::fs;
 use std::path::Path;
 use supertwin_lab::{Library, trial};

@@ -1,10 +1,8 @@
 //! Metrics of runs beside each other: the same bits as the run's own scores, alignment with known offsets, resampling,
 //! and what is wrong with a recording.
 
-mod common;
-
-use common::kept::keep;
-use common::load;
+use crate::common::kept::keep;
+use crate::common::load;
 use std::collections::BTreeMap;
 use supertwin_core::source::Kept;
 use supertwin_core::{Property, RunSource};

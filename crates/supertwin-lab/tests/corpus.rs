@@ -4,11 +4,11 @@
 #[path = "../fuzz/configuration.rs"]
 mod configuration;
 #[path = "../../../tests/support/corpus.rs"]
-mod corpus;
+mod support;
 
 const HERE: &str = env!("CARGO_MANIFEST_DIR");
 
 #[test]
 fn configurations_are_refused_in_words_or_step() {
-    corpus::replay(HERE, "configuration", 5, 60, configuration::check);
+    support::assert_for_corpus(HERE, "configuration", 5, 60, configuration::check);
 }

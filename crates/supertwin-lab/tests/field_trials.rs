@@ -1,8 +1,6 @@
 //! T11: the paper's three trials over twenty seeds, against the independent reference simulation.
 
-mod common;
-
-use common::{load, load_all, mean, scores};
+use crate::common::{load, load_all, mean, scores};
 use supertwin_lab::Scores;
 
 const SEEDS: u64 = 20;

@@ -1,9 +1,7 @@
 //! Replay of what is hard to come by: lost telemetry, late steps that nothing was sent of, two writers, commands between.
 
-mod common;
-
-use common::kept::{Keeper, keep};
-use common::load;
+use crate::common::kept::{Keeper, keep};
+use crate::common::load;
 use serde_json::json;
 use std::collections::BTreeMap;
 use supertwin_core::digest::{DigestProbe, block_digest};

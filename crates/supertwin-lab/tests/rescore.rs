@@ -1,9 +1,7 @@
 //! Scores from what was recorded equal the scores of the run, bit for bit.
 
-mod common;
-
-use common::kept::keep;
-use common::load;
+use crate::common::kept::keep;
+use crate::common::load;
 use supertwin_core::source::{Columns, Label};
 use supertwin_core::{Property, Tick};
 use supertwin_lab::{RescoreError, ResolvedTrial, Scores, rescore};

@@ -1,8 +1,6 @@
 //! Stale inputs, cut wires, silent sensors, hand-overs: the vehicle stays bounded and goes on by itself (T13).
 
-mod common;
-
-use common::{Listener, load, outcome};
+use crate::common::{Listener, load, outcome};
 use supertwin_core::run::{Properties, Severity};
 use supertwin_lab::{ResolvedTrial, run};
 

@@ -1,8 +1,6 @@
 //! Campaigns: what a file says becomes a list of runs, and what is wrong in it is named with its place.
 
-mod common;
-
-use common::library;
+use crate::common::library;
 use std::collections::BTreeSet;
 use std::path::Path;
 use supertwin_lab::ConfigError;

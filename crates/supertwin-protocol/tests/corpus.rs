@@ -14,10 +14,10 @@ const HERE: &str = env!("CARGO_MANIFEST_DIR");
 
 #[test]
 fn wire_messages_come_back_bit_for_bit_or_not_at_all() {
-    corpus::replay(HERE, "decode", 10, 300, decode::check);
+    corpus::assert_for_corpus(HERE, "decode", 10, 300, decode::check);
 }
 
 #[test]
 fn requests_in_any_order_keep_the_rules_of_authority() {
-    corpus::replay(HERE, "commands", 5, 300, commands::check);
+    corpus::assert_for_corpus(HERE, "commands", 5, 300, commands::check);
 }

@@ -1,8 +1,8 @@
 //! Whatever bytes a recording consists of: it is read as far as it goes or refused, what is missing is named with its
 //! place, and what can be saved is whole when it has been repaired.
 
-use crate::read::{Recording, read_parts, read_selected};
-use crate::repair::{RepairError, repair};
+use super::read::{Recording, read_parts, read_selected};
+use super::repair::{RepairError, repair};
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 

@@ -2,11 +2,8 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that can not go on has failed")]
 
-mod common;
-#[path = "../../../tests/support/python.rs"]
-mod python;
-
-use common::{DT_S, header, play, results};
+use crate::common::{DT_S, header, play, results};
+use crate::python;
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;

@@ -1,10 +1,8 @@
 //! The live view with the viewer that everybody installs: it gets what is shown, and when it stops nobody waits for it.
 #![allow(clippy::unwrap_used, reason = "a test that can not go on has failed")]
 
-mod common;
-#[path = "../../../tests/support/python.rs"]
-mod python;
-
+use crate::common;
+use crate::python;
 use std::net::TcpListener;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};

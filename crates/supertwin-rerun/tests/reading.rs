@@ -2,11 +2,8 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that can not go on has failed")]
 
-mod common;
-#[path = "../../../tests/support/python.rs"]
-mod python;
-
-use common::{header, play, results};
+use crate::common::{header, play, results};
+use crate::python;
 use rerun::external::re_log_encoding::DecoderApp;
 use std::collections::BTreeSet;
 use std::fs;

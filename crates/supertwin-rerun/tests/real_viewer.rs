@@ -3,15 +3,12 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that can not go on has failed")]
 
-mod common;
-#[path = "../../../tests/support/python.rs"]
-mod support;
-
+use crate::common;
+use crate::python;
 use std::path::Path;
 use std::process::Command;
 use supertwin_core::RunSink;
 use supertwin_rerun::{Options, RerunSink};
-use support::succeed;
 
 fn record(path: &Path) {
     let mut sink = RerunSink::create(path, Options { overwrite: true, ..Default::default() }).unwrap();
@@ -22,15 +19,15 @@ fn record(path: &Path) {
 
 #[test]
 fn the_viewer_opens_a_recording() {
-    let viewer = support::viewer(&support::environment());
+    let viewer = python::viewer(&python::environment());
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.rrd");
     record(&path);
 
-    let verified = succeed(Command::new(&viewer).args(["rrd", "verify"]).arg(&path));
+    let verified = python::succeed(Command::new(&viewer).args(["rrd", "verify"]).arg(&path));
     let said = String::from_utf8_lossy(&[verified.stdout, verified.stderr].concat()).into_owned();
     assert!(said.contains("1 file"), "{said}");
-    let stats = succeed(Command::new(&viewer).args(["rrd", "stats"]).arg(&path));
+    let stats = python::succeed(Command::new(&viewer).args(["rrd", "stats"]).arg(&path));
     let said = String::from_utf8_lossy(&stats.stdout).into_owned();
     assert!(said.contains("num_entity_paths"), "{said}");
 }

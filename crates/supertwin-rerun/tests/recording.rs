@@ -2,9 +2,7 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that can not go on has failed")]
 
-mod common;
-
-use common::{DT_S, header, play, results};
+use crate::common::{DT_S, header, play, results};
 use std::fs;
 use std::path::Path;
 use supertwin_core::observe::{Both, Probe, Signal, Snapshot};

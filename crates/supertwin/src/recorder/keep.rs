@@ -11,7 +11,7 @@ use supertwin_core::{Event, Probe, RunHeader, RunSink, Signal, SinkError, Tick};
 use supertwin_lab::rescore::{self, Rescored};
 use supertwin_rerun::{Clocks, Live, Options, RerunSink, compact, read_selected};
 
-/// How often what was heard goes to the disk: what a crash can take.
+/// How often what was written goes to the file: what a crash can take.
 const FLUSH: Duration = Duration::from_millis(500);
 /// How long a disk that failed is left alone.
 const RETRY: Duration = Duration::from_secs(5);
@@ -197,19 +197,23 @@ impl Keep {
         }
     }
 
-    /// Flushes, rotates and mends when it is time.
+    /// Saves, rotates and mends when it is time.
     pub(crate) fn poll(&mut self, now: Duration) {
         self.mend(now);
-        if now.saturating_sub(self.flushed_at) < FLUSH {
-            return;
+        if now.saturating_sub(self.flushed_at) >= FLUSH {
+            self.save(now);
         }
+    }
+
+    /// Everything that was written so far is in the file when this returns, and no crash of the recorder can take it.
+    pub(crate) fn save(&mut self, now: Duration) {
         self.flushed_at = now;
         if let Some(live) = &mut self.live {
             // A view never fails.
             let _ = live.flush();
         }
         let File::Open { sink, since, .. } = &mut self.file else { return };
-        if let Err(error) = sink.flush() {
+        if let Err(error) = sink.sync() {
             self.broken(&error, now);
         } else if sink.written() >= self.rotation.bytes || now.saturating_sub(*since) >= self.rotation.time {
             self.close(&Properties::new(), now);
@@ -256,5 +260,37 @@ impl Probe for Keep {
     }
     fn label(&mut self, signal: &'static Signal, value: &'static str) {
         self.each(|sink| sink.label(signal, value));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use supertwin_rerun::read;
+
+    static DEPTH: Signal = Signal { path: "tracking/depth", components: &[], units: &["m"], about: "" };
+
+    #[test]
+    fn what_is_older_than_half_a_second_of_the_recorders_clock_is_in_the_file() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let header = RunHeader { name: "run".to_owned(), ..RunHeader::default() };
+        let mut keep = Keep::begin(header, Some(folder.path().to_owned()), None, Rotation::default(), Duration::ZERO);
+        // The processor is taken away from it between any two ticks, for longer and longer.
+        let mut now = Duration::ZERO;
+        let mut written: Vec<(Duration, i64)> = Vec::new();
+        for k in 0..40 {
+            keep.tick(Tick { k, dt_s: 0.02 }, Clocks::default(), now);
+            keep.vector(&DEPTH, &[1.0]);
+            written.push((now, k.cast_signed()));
+            keep.poll(now);
+            let file = folder.path().join("run.rrd");
+            let kept = read(&file).expect("is read").last_tick();
+            let old = written.iter().rev().find(|(at, _)| now - *at > FLUSH).map(|(_, tick)| *tick);
+            assert!(kept >= old, "at {now:?}: {kept:?} is in the file, {old:?} is old enough");
+            now += Duration::from_millis(20 * k);
+        }
+        keep.tick(Tick { k: 40, dt_s: 0.02 }, Clocks::default(), now);
+        keep.save(now);
+        assert_eq!(read(&folder.path().join("run.rrd")).expect("is read").last_tick(), Some(40), "at once");
     }
 }

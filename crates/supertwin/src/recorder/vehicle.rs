@@ -229,7 +229,7 @@ impl Vehicle {
         }
         self.report();
         if self.account.health_is_due(now) {
-            self.tell_health();
+            self.tell_health(now);
         }
         let over = self.stop.is_some_and(|(tick, _)| {
             self.run.as_ref().is_some_and(|run| run.laps.next().is_some_and(|next| next >= tick))
@@ -270,7 +270,11 @@ impl Vehicle {
         }
     }
 
-    fn tell_health(&mut self) {
+    /// Says once a second up to which tick the run is in the file.
+    fn tell_health(&mut self, now: Duration) {
+        if let Some(Run { keep: Some(keep), .. }) = &mut self.run {
+            keep.save(now);
+        }
         let dropped = self.shared.live.as_ref().map_or(0, Live::dropped);
         let mut health = Health { refused: self.account.refused, telemetry_dropped: dropped, ..Health::default() };
         if let Some(run) = &self.run {

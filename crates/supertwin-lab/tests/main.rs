@@ -1,0 +1,11 @@
+//! Whole runs: what they are scored, compared, replayed and refused by.
+
+mod bad_input;
+mod common;
+mod compare;
+mod corpus;
+mod field_trials;
+mod replay;
+mod rescore;
+mod safety;
+mod sweep;
