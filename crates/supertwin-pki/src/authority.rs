@@ -1,8 +1,8 @@
 //! The authority of a fleet: signs certificates, and renews those that it has signed.
 
-use super::certificate::{Certificate, read};
-use super::credentials::{CA_CERTIFICATE, Credentials};
-use super::{BACKDATED, CERTIFICATE_LIFETIME, PkiError, unix_s};
+use crate::certificate::{Certificate, read, unix_s};
+use crate::credentials::{CA_CERTIFICATE, Credentials, read_key};
+use crate::error::PkiError;
 use rcgen::{
     BasicConstraints, CertificateParams, DnType, ExtendedKeyUsagePurpose, IsCa, Issuer, KeyPair, KeyUsagePurpose,
     SerialNumber, SubjectPublicKeyInfo,
@@ -17,8 +17,16 @@ use supertwin_protocol::clock::Clock;
 use supertwin_protocol::keys;
 use supertwin_protocol::role::{Role, Scope, common_name};
 
+/// A day.
+pub const DAY: Duration = Duration::from_secs(24 * 3600);
+/// How long a certificate is valid unless told otherwise.
+pub const CERTIFICATE_LIFETIME: Duration = Duration::from_secs(30 * 24 * 3600);
+/// How long an authority is valid unless told otherwise.
+pub const AUTHORITY_LIFETIME: Duration = Duration::from_secs(5 * 365 * 24 * 3600);
+/// Certificates are valid this long before they were made, for machines whose clock is behind.
+pub const BACKDATED: Duration = Duration::from_secs(3600);
 /// The authority's key, beside its certificate.
-pub(super) const CA_KEY: &str = "ca.key";
+pub(crate) const CA_KEY: &str = "ca.key";
 /// Longest common name of X.520.
 const MAX_COMMON_NAME: usize = 64;
 /// The year 9999 is the last that a certificate can name.
@@ -304,11 +312,6 @@ fn dated(
 fn crypto(path: &Path) -> impl FnOnce(rcgen::Error) -> PkiError {
     let path = path.to_owned();
     move |error| PkiError::file(&path, error)
-}
-
-pub(super) fn read_key(path: &Path) -> Result<KeyPair, PkiError> {
-    let pem = fs::read_to_string(path).map_err(|error| PkiError::file(path, error))?;
-    KeyPair::from_pem(&pem).map_err(|error| PkiError::file(path, format!("is no private key in PEM: {error}")))
 }
 
 fn make_folder(path: &Path) -> Result<(), PkiError> {

@@ -1,6 +1,6 @@
 //! What a certificate says: who holds it, for which role and vehicle, which hosts it names, from when until when.
 
-use super::{PkiError, unix_s};
+use crate::error::PkiError;
 use serde::Serialize;
 use std::net::IpAddr;
 use std::path::Path;
@@ -37,7 +37,7 @@ pub struct Certificate {
     /// Seconds since 1970.
     pub not_after_s: i64,
     #[serde(skip)]
-    pub(super) der: Vec<u8>,
+    pub(crate) der: Vec<u8>,
 }
 
 /// How a certificate stands at a moment.
@@ -99,7 +99,7 @@ impl Certificate {
     }
 
     /// Its public key, as it is signed.
-    pub(super) fn public_key(&self) -> Vec<u8> {
+    pub(crate) fn public_key(&self) -> Vec<u8> {
         X509Certificate::from_der(&self.der).map_or_else(|_| Vec::new(), |(_, x509)| x509.public_key().raw.to_vec())
     }
 
@@ -143,6 +143,11 @@ impl Certificate {
 pub fn read(path: &Path) -> Result<Certificate, PkiError> {
     let pem = std::fs::read(path).map_err(|error| PkiError::file(path, error))?;
     Certificate::parse(&pem).map_err(|cause| PkiError::file(path, cause))
+}
+
+/// Seconds since 1970.
+pub(crate) fn unix_s(clock: &dyn Clock) -> i64 {
+    (clock.unix_ns() / 1_000_000_000) as i64
 }
 
 fn date(unix_s: i64) -> String {

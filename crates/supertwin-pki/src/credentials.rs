@@ -1,15 +1,14 @@
-//! The files of a holder: what it trusts, its certificate, its key; whether they are good, and as Zenoh's settings.
+//! The files of a holder: what it trusts, its certificate, its key; and whether they are good.
 
-use super::PkiError;
-use super::authority::read_key;
-use super::certificate::{Certificate, Standing, read};
-use serde_json::{Value, json};
+use crate::certificate::{Certificate, Standing, read};
+use crate::error::PkiError;
+use rcgen::KeyPair;
 use std::fs;
 use std::path::{Path, PathBuf};
 use supertwin_protocol::clock::Clock;
 
 /// What a holder trusts, beside its certificate.
-pub(super) const CA_CERTIFICATE: &str = "ca.pem";
+pub(crate) const CA_CERTIFICATE: &str = "ca.pem";
 
 /// The three files of a holder.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -99,25 +98,6 @@ impl Credentials {
         }
         Ok(certificate)
     }
-
-    /// As Zenoh's settings below `transport/link/tls`: for those who connect, and for a role that `listens` both.
-    #[must_use]
-    pub fn settings(&self, listens: bool) -> Value {
-        let path = |path: &Path| path.display().to_string();
-        let mut settings = json!({
-            "root_ca_certificate": path(&self.ca),
-            "enable_mtls": true,
-            "connect_certificate": path(&self.certificate),
-            "connect_private_key": path(&self.key),
-            "verify_name_on_connect": true,
-            "close_link_on_expiration": true,
-        });
-        if listens {
-            settings["listen_certificate"] = path(&self.certificate).into();
-            settings["listen_private_key"] = path(&self.key).into();
-        }
-        settings
-    }
 }
 
 /// A certificate that is in force.
@@ -139,13 +119,7 @@ fn check_certificate(path: &Path, clock: &dyn Clock) -> Result<(), PkiError> {
     Err(PkiError::file(path, cause))
 }
 
-/// The credentials that settings name for TLS, as files, for one side: `connect` or `listen`.
-#[must_use]
-pub fn tls_files(settings: &Value, side: &str) -> Option<Credentials> {
-    let file = |name: &str| settings.pointer(&format!("/transport/link/tls/{name}"))?.as_str().map(PathBuf::from);
-    Some(Credentials {
-        ca: file("root_ca_certificate")?,
-        certificate: file(&format!("{side}_certificate"))?,
-        key: file(&format!("{side}_private_key"))?,
-    })
+pub(crate) fn read_key(path: &Path) -> Result<KeyPair, PkiError> {
+    let pem = fs::read_to_string(path).map_err(|error| PkiError::file(path, error))?;
+    KeyPair::from_pem(&pem).map_err(|error| PkiError::file(path, format!("is no private key in PEM: {error}")))
 }

@@ -1,9 +1,9 @@
 //! What is wrong with the certificates in a place, and what to do: for people who look after them.
 
-use super::authority::CA_KEY;
-use super::certificate::{Certificate, Standing, read};
-use super::credentials::{CA_CERTIFICATE, Credentials};
-use super::{PkiError, unix_s};
+use crate::authority::CA_KEY;
+use crate::certificate::{Certificate, Standing, read, unix_s};
+use crate::credentials::{CA_CERTIFICATE, Credentials};
+use crate::error::PkiError;
 use serde::Serialize;
 use std::fs;
 use std::os::unix::fs::PermissionsExt;

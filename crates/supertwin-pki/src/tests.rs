@@ -1,10 +1,11 @@
 //! Certificates from their authority to their end, with a clock that is set by hand.
 
-use super::*;
+use crate::*;
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
-use std::path::PathBuf;
-use supertwin_protocol::role::{Role, Scope};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+use supertwin_protocol::{Clock, Role, Scope};
 use tempfile::TempDir;
 
 struct At(u64);

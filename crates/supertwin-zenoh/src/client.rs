@@ -1,6 +1,6 @@
 //! The other side of commands: a client with authority, retries and acknowledgements.
 
-use crate::session::LinkError;
+use crate::session::{LinkError, unique};
 use serde::Serialize;
 use serde_json::Value;
 use std::sync::Arc;
@@ -75,7 +75,7 @@ impl Client {
     /// When somebody else holds it, or nobody answers.
     pub fn acquire(&mut self, for_s: f64) -> Result<LeaseReply, ClientError> {
         if self.token.is_empty() {
-            self.token = crate::unique() + &crate::unique();
+            self.token = unique() + &unique();
         }
         let reply = self.lease(LeaseAction::Acquire, for_s)?;
         if let Some(token) = &reply.token {

@@ -9,8 +9,9 @@
 
 pub mod access_control;
 pub mod client;
-pub mod diagnose;
 pub mod doorman;
+
+pub mod diagnose;
 pub mod engine;
 pub mod host;
 mod log_line;
@@ -28,23 +29,10 @@ pub use engine::{Engine, Finished};
 pub use host::{Ending, Host, HostOptions, Pace};
 pub use mailbox::Mailbox;
 pub use router::Router;
-pub use session::{Link, LinkError};
+pub use session::{Link, LinkError, close, unique};
 pub use voice::Voice;
 pub use watch::{Inbox, Interrupter, Presence};
 pub use witness::{Receipts, WitnessError, WitnessOptions, witness};
-
-/// Sixteen hexadecimal digits that nobody else has.
-#[must_use]
-pub fn unique() -> String {
-    zenoh::session::ZenohId::default().to_string().chars().take(16).collect()
-}
-
-/// Closes a session; what can't be said any more is not said.
-pub fn close(session: &Session) {
-    use zenoh::Wait;
-    // Nobody is left to tell: the process ends or the link is down.
-    let _ = session.close().wait();
-}
 
 /// A session, for those who hold one without naming zenoh themselves.
 pub use zenoh::Session;

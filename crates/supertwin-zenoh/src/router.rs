@@ -8,13 +8,13 @@
 //! TLS does it in a second session, the gate: when its files change it is opened anew, and those behind it connect again
 //! by themselves. The vehicle's own services are not touched.
 
-use crate::session::{self, Link, LinkError, endpoints, locators};
+use crate::session::{self, Link, LinkError, endpoints, locators, tls_files};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
-use supertwin_pki::{Certificate, Credentials, PkiError, Standing, span, tls_files};
+use supertwin_pki::{Certificate, Credentials, PkiError, Standing, span};
 use supertwin_protocol::clock::Clock;
 use zenoh::Session;
 
@@ -60,7 +60,7 @@ impl Router {
         let inward = match local.iter().find(|endpoint| endpoint.starts_with("unixsock-stream/")) {
             Some(endpoint) => endpoint.clone(),
             None => {
-                let folder = std::env::temp_dir().join(format!("supertwin-{}", crate::unique()));
+                let folder = std::env::temp_dir().join(format!("supertwin-{}", session::unique()));
                 let endpoint = format!("unixsock-stream/{}", folder.join("gate.sock").display());
                 own_socket = Some(folder);
                 local.push(endpoint.clone());
@@ -82,7 +82,7 @@ impl Router {
         match gate {
             Ok(gate) => Ok(Self { session, gate: Some(gate), own_socket }),
             Err(error) => {
-                crate::close(&session);
+                session::close(&session);
                 Err(error)
             }
         }
@@ -107,7 +107,7 @@ impl Router {
     pub fn close(self) {
         // The gate first: it must not look for a router that is gone.
         drop(self.gate);
-        crate::close(&self.session);
+        session::close(&self.session);
         if let Some(folder) = self.own_socket {
             // A folder in the way of nobody; its socket is gone with the session.
             let _ = std::fs::remove_dir_all(folder);
@@ -144,7 +144,7 @@ impl Gate {
             while !wait(&stopped, LOOK) {
                 keeper.look(&stopped);
             }
-            crate::close(&keeper.session);
+            session::close(&keeper.session);
         });
         Ok(Self { places, stop, thread: Some(thread) })
     }
@@ -197,7 +197,7 @@ impl<S: Fn(News)> Keeper<S> {
     }
 
     fn take_up(&mut self, certificate: Certificate, stop: &(Mutex<bool>, Condvar)) {
-        crate::close(&self.session);
+        session::close(&self.session);
         let mut told = false;
         loop {
             match listen(&self.settings) {

@@ -156,7 +156,7 @@ impl Link {
         if let Some(place) = &self.credentials {
             let found = Credentials::find(place)?;
             let listens = supertwin_pki::read(&found.certificate)?.role.is_some_and(|role| role.listens());
-            set("transport/link/tls", found.settings(listens));
+            set("transport/link/tls", tls_settings(&found, listens));
         }
         for text in &self.overrides {
             let wrong = |cause: &str| LinkError::Setting { place: text.clone(), cause: cause.to_owned() };
@@ -224,11 +224,42 @@ pub(crate) fn open(settings: &Value, config: Config) -> Result<Session, LinkErro
 pub fn check_credentials(settings: &Value, clock: &dyn Clock) -> Result<(), PkiError> {
     for side in ["listen", "connect"] {
         let used = endpoints(settings, side).iter().any(|endpoint| endpoint.starts_with("tls/"));
-        if let Some(credentials) = supertwin_pki::tls_files(settings, side).filter(|_| used) {
+        if let Some(credentials) = tls_files(settings, side).filter(|_| used) {
             credentials.check(clock)?;
         }
     }
     Ok(())
+}
+
+/// A holder's files as settings below `transport/link/tls`: for those who connect, and for a role that `listens` both.
+#[must_use]
+pub fn tls_settings(credentials: &Credentials, listens: bool) -> Value {
+    let path = |path: &Path| path.display().to_string();
+    let (certificate, key) = (path(&credentials.certificate), path(&credentials.key));
+    let mut settings = json!({
+        "root_ca_certificate": path(&credentials.ca),
+        "enable_mtls": true,
+        "connect_certificate": certificate,
+        "connect_private_key": key,
+        "verify_name_on_connect": true,
+        "close_link_on_expiration": true,
+    });
+    if listens {
+        settings["listen_certificate"] = certificate.into();
+        settings["listen_private_key"] = key.into();
+    }
+    settings
+}
+
+/// The files that settings name for TLS, for one side: `connect` or `listen`.
+#[must_use]
+pub fn tls_files(settings: &Value, side: &str) -> Option<Credentials> {
+    let file = |name: &str| settings.pointer(&format!("/transport/link/tls/{name}"))?.as_str().map(PathBuf::from);
+    Some(Credentials {
+        ca: file("root_ca_certificate")?,
+        certificate: file(&format!("{side}_certificate"))?,
+        key: file(&format!("{side}_private_key"))?,
+    })
 }
 
 /// Zenoh's causes carry source files and lines; people want the words.
@@ -263,6 +294,18 @@ pub(crate) fn parse(settings: &Value) -> Result<Config, LinkError> {
 
 fn nested(path: &str, value: Value) -> Value {
     path.rsplit('/').fold(value, |value, name| Value::Object(Map::from_iter([(name.to_owned(), value)])))
+}
+
+/// Sixteen hexadecimal digits that nobody else has.
+#[must_use]
+pub fn unique() -> String {
+    zenoh::session::ZenohId::default().to_string().chars().take(16).collect()
+}
+
+/// Closes a session; what can't be said any more is not said.
+pub fn close(session: &Session) {
+    // Nobody is left to tell: the process ends or the link is down.
+    let _ = session.close().wait();
 }
 
 /// Endpoints of one side, `listen` or `connect`.

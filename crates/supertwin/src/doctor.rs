@@ -263,7 +263,7 @@ fn files(settings: &Value) -> Vec<Finding> {
 fn credentials(settings: &Value, clock: &dyn Clock) -> Vec<Finding> {
     let mut found = Vec::new();
     for side in ["listen", "connect"] {
-        let Some(files) = pki::tls_files(settings, side) else { continue };
+        let Some(files) = session::tls_files(settings, side) else { continue };
         match files.check(clock) {
             Err(error) => found.push(wrong("certificates", error.to_string(), "see `supertwin pki --help`")),
             Ok(certificate) => {

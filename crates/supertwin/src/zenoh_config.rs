@@ -13,6 +13,7 @@ use supertwin_protocol::access::{self, COLUMNS, Row, Verb};
 use supertwin_protocol::keys;
 use supertwin_protocol::role::{Role, Scope, common_name};
 use supertwin_zenoh::access_control;
+use supertwin_zenoh::session::tls_settings;
 
 /// Where a vehicle's own services come in, unless told otherwise.
 const SOCKET: &str = "unixsock-stream//tmp/supertwin/router.sock";
@@ -134,7 +135,7 @@ fn check(role: Role, arguments: &ZenohConfigArguments) -> Result<(), Failure> {
 /// Zenoh's settings for TLS. Absolute paths: whoever reads the file may stand elsewhere.
 fn tls(role: Role, vehicle: &str, place: Option<&Path>) -> Result<Value, Failure> {
     let Some(place) = place else {
-        return Ok(Credentials::named(Path::new(INSTALLED), role.name()).settings(role.listens()));
+        return Ok(tls_settings(&Credentials::named(Path::new(INSTALLED), role.name()), role.listens()));
     };
     let found = Credentials::find(place)?;
     let certificate = pki::read(&found.certificate)?;
@@ -152,7 +153,7 @@ fn tls(role: Role, vehicle: &str, place: Option<&Path>) -> Result<Value, Failure
         std::path::absolute(path).map_err(failed)
     };
     let (ca, certificate, key) = (absolute(&found.ca)?, absolute(&found.certificate)?, absolute(&found.key)?);
-    Ok(Credentials { ca, certificate, key }.settings(role.listens()))
+    Ok(tls_settings(&Credentials { ca, certificate, key }, role.listens()))
 }
 
 fn matrix(arguments: &ZenohConfigArguments) -> String {

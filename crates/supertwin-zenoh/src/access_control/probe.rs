@@ -4,7 +4,7 @@
 //! Messages of one session and priority stay in order through a router. So whoever tries something and then asks the
 //! witness a question that is allowed knows with the answer that all before it has arrived, or never will.
 
-use crate::session::LinkError;
+use crate::session::{LinkError, unique};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 use supertwin_protocol::access::{Row, Verb};
@@ -88,7 +88,7 @@ impl Witness {
     /// When the session fails.
     pub fn open(session: &Session, vehicle: &str) -> Result<Self, LinkError> {
         let root = keys::namespace(vehicle);
-        let mark = format!("access-probe-{}", crate::unique());
+        let mark = format!("access-probe-{}", unique());
         let marker = session
             .declare_queryable(format!("{root}/{}/*", keys::state("plant", &mark)))
             .complete(true)

@@ -2,7 +2,7 @@
 //! where only something real could tell.
 
 use super::probe::{Seen, Witness, is_answered_by_anybody};
-use crate::session::LinkError;
+use crate::session::{LinkError, unique};
 use crate::watch::Inbox;
 use serde::Serialize;
 use std::collections::BTreeSet;
@@ -51,9 +51,8 @@ pub fn prove(
     let rows = matrix();
     let root = keys::namespace(vehicle);
     let flows = flows(subject, witness.as_deref(), &root, &rows, clock)?;
-    let mark = witness
-        .as_ref()
-        .map_or_else(|| format!("access-probe-{}", crate::unique()), |witness| witness.mark().to_owned());
+    let mark =
+        witness.as_ref().map_or_else(|| format!("access-probe-{}", unique()), |witness| witness.mark().to_owned());
     let mut attempts = Vec::new();
     for row in &rows {
         // Nobody at work writes or reads a key that has this name in it.
