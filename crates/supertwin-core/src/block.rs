@@ -6,6 +6,9 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
+/// The four services of the ring, in the order in which a lap runs through them.
+pub const SERVICES: [&str; 4] = ["plant", "estimator", "guidance", "controller"];
+
 /// A discrete-time system `x⁺, y = f(x, u)`.
 ///
 /// Construction may fail; `step` may not: no I/O, no clock, no allocation, no logging. What goes wrong inside

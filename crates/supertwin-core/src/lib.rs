@@ -5,6 +5,7 @@
 //! * [`Input`] and [`Prev`]: what a block is handed, with its age; the one legal unit delay.
 //! * [`Port`] and [`Wired`]: where inputs arrive when they come over wires.
 //! * [`Observe`], [`Probe`], [`Signal`]: a quantity shows itself once, and every listener hears it.
+//! * [`signal`]: every signal by its handle.
 //! * [`RunSink`] and [`RunSource`]: where a run is written to and read from, without naming a file format.
 //!
 //! Conventions: SI units, radians, seconds; frame {n} is North-East-Down, frame {b} is forward-starboard-down.
@@ -24,6 +25,7 @@ pub mod parameter;
 pub mod port;
 pub mod random;
 pub mod run;
+pub mod signal;
 pub mod source;
 pub mod tick;
 pub mod unit;
@@ -33,9 +35,10 @@ pub use block::{Block, Refusal};
 pub use input::{Input, OperatorLink, Prev};
 pub use message::Message;
 pub use notice::{Notice, Notices, Watch};
-pub use observe::{Observe, Probe, Signal};
+pub use observe::{Observe, Probe};
 pub use parameter::ParameterChange;
 pub use port::{Port, PortRule, Wired};
 pub use run::{Event, NoSink, Property, RunHeader, RunSink, SinkError};
+pub use signal::Signal;
 pub use source::RunSource;
 pub use tick::Tick;

@@ -1,27 +1,6 @@
 //! Being seen: a quantity shows itself once, and recordings, hashes, telemetry and tests listen to the same call.
 
-/// A named quantity. Its path is at once telemetry path, recording entity and dashboard content.
-///
-/// Declare signals as `static`: listeners may tell them apart by address.
-#[derive(Debug, PartialEq, Eq, Hash)]
-pub struct Signal {
-    /// `service/quantity`, without a leading slash.
-    pub path: &'static str,
-    /// Names of the components; empty for a scalar.
-    pub components: &'static [&'static str],
-    /// Unit of every component, or one unit for all of them.
-    pub units: &'static [&'static str],
-    /// What it is, in one line.
-    pub about: &'static str,
-}
-
-impl Signal {
-    /// Unit of component `i`.
-    #[must_use]
-    pub fn unit(&self, i: usize) -> &'static str {
-        self.units.get(i).or(self.units.last()).copied().unwrap_or("")
-    }
-}
+use crate::Signal;
 
 /// A listener.
 pub trait Probe {
@@ -76,9 +55,15 @@ impl Snapshot {
         snapshot
     }
 
-    /// The values at `path`.
+    /// The values of `signal`.
     #[must_use]
-    pub fn get(&self, path: &str) -> Option<&[f64]> {
+    pub fn get(&self, signal: &Signal) -> Option<&[f64]> {
+        self.named(signal.path)
+    }
+
+    /// The values at a path that was heard of a service.
+    #[must_use]
+    pub fn named(&self, path: &str) -> Option<&[f64]> {
         self.vectors.iter().find(|(signal, _)| signal.path == path).map(|(_, values)| values.as_slice())
     }
 

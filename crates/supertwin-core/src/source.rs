@@ -1,7 +1,7 @@
 //! Where a run is read from: the trait between whoever keeps a run and whoever scores, compares or repeats it.
 
-use crate::Event;
 use crate::run::Properties;
+use crate::{Event, Signal};
 use std::collections::BTreeMap;
 
 /// Values of one signal, in order of time.
@@ -84,6 +84,14 @@ pub trait RunSource {
     fn signals(&self) -> &BTreeMap<String, Columns>;
     /// Changes of labels by path of the signal, in order of time.
     fn labels(&self) -> &BTreeMap<String, Vec<Label>>;
+    /// Numbers of `signal`, if it was recorded.
+    fn signal(&self, signal: &Signal) -> Option<&Columns> {
+        self.signals().get(signal.path)
+    }
+    /// Changes of the label `signal`, in order of time; empty when it was not recorded.
+    fn label(&self, signal: &Signal) -> &[Label] {
+        self.labels().get(signal.path).map_or(&[], Vec::as_slice)
+    }
     /// What happened, in order of time.
     fn events(&self) -> &[Event];
     /// Commands that applied, as JSON, by service and in order of time; only a run over a network records them.

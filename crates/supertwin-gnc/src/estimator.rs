@@ -9,8 +9,8 @@ use supertwin_core::command::EstimatorCommand;
 use supertwin_core::message::{DvlPing, Measurements, Nav, NavHealth, NavVariance, Thrust};
 use supertwin_core::port::PortVisitor;
 use supertwin_core::{
-    Block, Input, Notice, Notices, Observe, OperatorLink, Port, PortRule, Prev, Probe, Refusal, Signal, Tick, Wired,
-    parameter,
+    Block, Input, Notice, Notices, Observe, OperatorLink, Port, PortRule, Prev, Probe, Refusal, Tick, Wired, parameter,
+    signal,
 };
 use supertwin_model::Hydrodynamics;
 
@@ -354,58 +354,27 @@ impl Wired for Estimator {
     }
 }
 
-static INNOVATION_DVL: Signal = Signal {
-    path: "estimator/innovation/dvl",
-    components: &["surge", "sway", "heave", "surge_std", "sway_std", "heave_std", "surge_nis", "sway_nis", "heave_nis"],
-    units: &["m/s", "m/s", "m/s", "m/s", "m/s", "m/s", "1", "1", "1"],
-    about: "DVL innovations, their predicted standard deviations, normalised squares",
-};
-static INNOVATION_DEPTH: Signal = Signal {
-    path: "estimator/innovation/depth",
-    components: &["innovation", "std", "nis"],
-    units: &["m", "m", "1"],
-    about: "depth innovation, its predicted standard deviation, normalised square",
-};
-static INNOVATION_COMPASS: Signal = Signal {
-    path: "estimator/innovation/heading",
-    components: &["innovation", "std", "nis"],
-    units: &["rad", "rad", "1"],
-    about: "compass innovation, its predicted standard deviation, normalised square",
-};
-static INNOVATION_GYRO: Signal = Signal {
-    path: "estimator/innovation/yaw_rate",
-    components: &["innovation", "std", "nis"],
-    units: &["rad/s", "rad/s", "1"],
-    about: "gyro innovation, its predicted standard deviation, normalised square",
-};
-static COUNTERS: Signal = Signal {
-    path: "estimator/counters",
-    components: &["accepted", "gated", "restarts"],
-    units: &["count"],
-    about: "scalar measurements used and refused by their gates, restarts of the filter",
-};
-
 impl Observe for Estimator {
     fn observe<P: Probe>(&self, probe: &mut P) {
         let show = |i: &Innovation| [i.value, libm::sqrt(i.variance), i.nis];
         if let Some(dvl) = &self.innovations.dvl {
             let [a, b, c] = dvl.each_ref().map(show);
-            probe.vector(&INNOVATION_DVL, &[a[0], b[0], c[0], a[1], b[1], c[1], a[2], b[2], c[2]]);
+            probe.vector(&signal::estimator::INNOVATION_DVL, &[a[0], b[0], c[0], a[1], b[1], c[1], a[2], b[2], c[2]]);
         }
         if let Some(innovation) = &self.innovations.depth {
-            probe.vector(&INNOVATION_DEPTH, &show(innovation));
+            probe.vector(&signal::estimator::INNOVATION_DEPTH, &show(innovation));
         }
         if let Some(innovation) = &self.innovations.compass {
-            probe.vector(&INNOVATION_COMPASS, &show(innovation));
+            probe.vector(&signal::estimator::INNOVATION_HEADING, &show(innovation));
         }
         if let Some(innovation) = &self.innovations.gyro {
-            probe.vector(&INNOVATION_GYRO, &show(innovation));
+            probe.vector(&signal::estimator::INNOVATION_YAW_RATE, &show(innovation));
         }
         if self.innovations.ping {
             self.net_plane.report().observe(probe);
         }
         self.net_plane.observe(probe);
         let c = &self.counters;
-        probe.vector(&COUNTERS, &[f64::from(c.accepted), f64::from(c.gated), f64::from(c.restarts)]);
+        probe.vector(&signal::estimator::COUNTERS, &[f64::from(c.accepted), f64::from(c.gated), f64::from(c.restarts)]);
     }
 }

@@ -8,8 +8,8 @@ use supertwin_core::command::{GuidanceCommand, Setpoint, Trajectory};
 use supertwin_core::message::{Direction, Mode, Nav, Reference};
 use supertwin_core::port::PortVisitor;
 use supertwin_core::{
-    Block, Input, Notice, Notices, Observe, OperatorLink, Port, PortRule, Probe, Refusal, Signal, Tick, Wired,
-    parameter,
+    Block, Input, Notice, Notices, Observe, OperatorLink, Port, PortRule, Probe, Refusal, Tick, Wired, parameter,
+    signal,
 };
 
 /// A guidance file.
@@ -415,26 +415,14 @@ impl Wired for Guidance {
     }
 }
 
-static REASON: Signal =
-    Signal { path: "guidance/reason", components: &[], units: &[], about: "why guidance is in its mode" };
-static LOS: Signal = Signal {
-    path: "guidance/line_of_sight",
-    components: &["surge", "sway", "course", "cross_track"],
-    units: &["m/s", "m/s", "rad", "m"],
-    about: "desired velocity before the reference models, desired course, distance error",
-};
-static TARGET: Signal = Signal {
-    path: "guidance/target",
-    components: &["depth", "heading"],
-    units: &["m", "rad"],
-    about: "depth and heading before the reference models",
-};
-
 impl Observe for Guidance {
     fn observe<P: Probe>(&self, probe: &mut P) {
         let d = &self.desired;
-        probe.vector(&LOS, &[d.surge_m_per_s, d.sway_m_per_s, d.course_rad, d.cross_track_m]);
-        probe.vector(&TARGET, &self.target);
-        probe.label(&REASON, self.reason.name());
+        probe.vector(
+            &signal::guidance::LINE_OF_SIGHT,
+            &[d.surge_m_per_s, d.sway_m_per_s, d.course_rad, d.cross_track_m],
+        );
+        probe.vector(&signal::guidance::TARGET, &self.target);
+        probe.label(&signal::guidance::REASON, self.reason.name());
     }
 }

@@ -8,7 +8,7 @@ use supertwin_core::integrate::rk4;
 use supertwin_core::message::{Mode, Nav, Reference, Thrust, WrenchRequest};
 use supertwin_core::observe::Snapshot;
 use supertwin_core::random::Stream;
-use supertwin_core::{Block, Input, Message, Prev};
+use supertwin_core::{Block, Input, Message, Prev, signal};
 use supertwin_gnc::control::{ControllerLimits, ControllerSetup, FallbackConfig, Status};
 use supertwin_gnc::{Allocation, Controller, ControllerInput, LawConfig};
 
@@ -86,8 +86,8 @@ fn forces(thrust: &Thrust) -> f64 {
 /// The references behind the errors that the controller shows.
 fn reference_seen(controller: &Controller, nav: &Nav) -> [f64; 6] {
     let shown = Snapshot::of(controller);
-    let x1 = shown.get("controller/error").expect("shown").to_vec();
-    let velocity = shown.get("controller/velocity_error").expect("shown").to_vec();
+    let x1 = shown.get(&signal::controller::ERROR).expect("shown").to_vec();
+    let velocity = shown.get(&signal::controller::VELOCITY_ERROR).expect("shown").to_vec();
     let nu = nav.velocity.to_array();
     [
         nu[0] - x1[0],
@@ -471,7 +471,7 @@ fn what_is_no_number_in_navigation_never_leaves_the_controller() {
                     assert!(applied.is_finite(), "{name}: {applied:?}");
                     assert_eq!((forces(&applied), controller.status()), (0.0, Status::NotFinite), "{name}, {value}");
                 }
-                assert_eq!(Snapshot::of(&controller).get("controller/non_finite"), Some(&[3.0][..]));
+                assert_eq!(Snapshot::of(&controller).get(&signal::controller::NON_FINITE), Some(&[3.0][..]));
                 // It recovers with the numbers, from the zero wrench.
                 applied = Inputs::fresh(&good, &reference, &applied).step(&mut controller, 23);
                 assert_eq!(controller.status(), Status::Tracking, "{name}");

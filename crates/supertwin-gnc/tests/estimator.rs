@@ -8,7 +8,7 @@ use supertwin_core::frame::ssa;
 use supertwin_core::message::{DepthSample, DvlPing, HeadingSample, Measurements, Nav, Thrust, YawRateSample};
 use supertwin_core::observe::Snapshot;
 use supertwin_core::random::Stream;
-use supertwin_core::{Block, Input, Message, Prev};
+use supertwin_core::{Block, Input, Message, Prev, signal};
 use supertwin_gnc::ekf::{B, Covariance, Ekf, EkfConfig, NU, PSI, STATES, State, Z};
 use supertwin_gnc::estimator::{EstimatorLimits, MeasurementConfig};
 use supertwin_gnc::net_plane::{InverseRange, InverseRangeConfig, NetPlaneConfig, RateGated, RateGatedConfig};
@@ -341,7 +341,7 @@ fn warmed_up(name: &str) -> (Estimator, u64) {
 }
 
 fn counters(estimator: &Estimator) -> [f64; 3] {
-    Snapshot::of(estimator).get("estimator/counters").expect("shown").try_into().expect("three")
+    Snapshot::of(estimator).get(&signal::estimator::COUNTERS).expect("shown").try_into().expect("three")
 }
 
 #[test]
@@ -563,17 +563,17 @@ fn innovations_are_shown_when_something_arrived_and_only_then() {
     let (mut estimator, k) = warmed_up("paper");
     step(&mut estimator, k, &[]);
     let silent = Snapshot::of(&estimator);
-    let paths = [
-        "estimator/innovation/dvl",
-        "estimator/innovation/depth",
-        "estimator/innovation/heading",
-        "estimator/innovation/yaw_rate",
+    let innovations = [
+        &signal::estimator::INNOVATION_DVL,
+        &signal::estimator::INNOVATION_DEPTH,
+        &signal::estimator::INNOVATION_HEADING,
+        &signal::estimator::INNOVATION_YAW_RATE,
     ];
-    assert!(paths.iter().all(|path| silent.get(path).is_none()));
+    assert!(innovations.iter().all(|signal| silent.get(signal).is_none()));
     step(&mut estimator, k + 1, &[all_at_rest()]);
     let heard = Snapshot::of(&estimator);
-    assert!(paths.iter().all(|path| heard.get(path).is_some()));
-    assert!(heard.get("estimator/net_plane/parity").expect("shown")[0].abs() < 1e-12);
+    assert!(innovations.iter().all(|signal| heard.get(signal).is_some()));
+    assert!(heard.get(&signal::estimator::NET_PLANE_PARITY).expect("shown")[0].abs() < 1e-12);
 }
 
 // ---------------------------------------------------------------------------------------------- the plane, rate-gated

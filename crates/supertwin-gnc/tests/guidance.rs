@@ -7,7 +7,7 @@ use supertwin_core::frame::ssa;
 use supertwin_core::message::{Direction, Mode, Nav, NetEstimate, Reference};
 use supertwin_core::observe::Snapshot;
 use supertwin_core::random::Stream;
-use supertwin_core::{Block, Input, OperatorLink};
+use supertwin_core::{Block, Input, OperatorLink, signal};
 use supertwin_gnc::guidance::Reason;
 use supertwin_gnc::los::{LineOfSight, PortSign};
 use supertwin_gnc::reference_model::{ReferenceModel, ReferenceModelConfig};
@@ -187,7 +187,7 @@ fn ask(guidance: &mut Guidance, k: u64, command: &GuidanceCommand) {
 
 fn target(guidance: &Guidance) -> [f64; 2] {
     let shown = Snapshot::of(guidance);
-    shown.get("guidance/target").expect("shown").try_into().expect("two numbers")
+    shown.get(&signal::guidance::TARGET).expect("shown").try_into().expect("two numbers")
 }
 
 /// Steps on fresh, constant navigation from `k` on; the last reference.

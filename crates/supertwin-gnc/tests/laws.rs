@@ -5,6 +5,7 @@ use nalgebra::Vector4;
 use supertwin_core::message::WrenchRequest;
 use supertwin_core::observe::Snapshot;
 use supertwin_core::random::Stream;
+use supertwin_core::signal;
 use supertwin_gnc::control::super_twisting::SuperTwisting;
 use supertwin_gnc::control::surface::{Surface, SurfaceConfig};
 use supertwin_gnc::control::{Agsta, Law, LawInput, TrackingError};
@@ -467,7 +468,7 @@ fn axes_that_are_asked_for_are_the_request_and_the_others_are_the_substitute() {
         assert_eq!([tau[1].to_bits(), tau[2].to_bits()], [own[1].to_bits(), own[2].to_bits()]);
     }
     let outside = Snapshot::of(&external);
-    assert_eq!(outside.get("controller/external"), Some(&[1.0, 0.0, 0.0, 1.0][..]));
+    assert_eq!(outside.get(&signal::controller::EXTERNAL), Some(&[1.0, 0.0, 0.0, 1.0][..]));
 }
 
 #[test]
@@ -584,7 +585,7 @@ fn a_limited_axis_stops_the_pid_integral_unless_anti_windup_is_off() {
             law.step(&LawInput { limited, ..input(&error) });
         }
         let shown = Snapshot::of(&law);
-        let integral = shown.get("controller/integral").expect("shown");
+        let integral = shown.get(&signal::controller::INTEGRAL).expect("shown");
         for i in 0..4 {
             let expected = if waits && limited[i] { 0.0 } else { 50.0 * H_S * 0.1 };
             assert!((integral[i] - expected).abs() < 1e-12, "{anti_windup}, axis {i}: {}", integral[i]);

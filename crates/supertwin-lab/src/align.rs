@@ -5,9 +5,11 @@ use std::fmt;
 use std::str::FromStr;
 use supertwin_core::RunSource;
 use supertwin_core::message::Mode;
+use supertwin_core::signal::Component;
+use supertwin_core::signal::reference::{MODE, SETPOINT};
 
-const MODE: &str = "guidance/reference/mode";
-const SETPOINT: &str = "guidance/reference/setpoint";
+/// Its sign is the direction of travel.
+const SPEED: Component = SETPOINT.at("speed");
 
 /// What is time zero.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -60,8 +62,8 @@ impl Alignment {
     pub fn is_needed(&self, path: &str) -> bool {
         match self {
             Self::Start => false,
-            Self::Following => path == MODE,
-            Self::Reversed => path == SETPOINT,
+            Self::Following => path == MODE.path,
+            Self::Reversed => path == SETPOINT.path,
             Self::Fault => path == "command/plant" || path == "event/mission",
             Self::Event(_) => path.starts_with("event/"),
         }
@@ -75,8 +77,7 @@ impl Alignment {
         match self {
             Self::Start => Ok(0),
             Self::Following => {
-                let modes = source.labels().get(MODE).map_or(&[][..], Vec::as_slice);
-                let follows = modes.iter().find(|mode| mode.value == Mode::FollowNet.name());
+                let follows = source.label(&MODE).iter().find(|mode| mode.value == Mode::FollowNet.name());
                 follows.map(|mode| mode.tick).ok_or_else(|| "it never follows the net".to_owned())
             }
             Self::Reversed => reversed(source).ok_or_else(|| "its direction is never reversed".to_owned()),
@@ -104,10 +105,10 @@ impl Alignment {
 
 /// The first tick at which the wanted speed has the other sign than the last that was not zero.
 fn reversed(source: &impl RunSource) -> Option<i64> {
-    let columns = source.signals().get(SETPOINT).filter(|columns| columns.width == 2)?;
+    let columns = source.signal(&SETPOINT).filter(|columns| columns.width == SETPOINT.width())?;
     let mut before = 0.0;
-    for (row, tick) in columns.values.chunks_exact(2).zip(&columns.tick) {
-        let speed = row[1];
+    for (row, tick) in columns.values.chunks_exact(columns.width).zip(&columns.tick) {
+        let speed = row[SPEED.index];
         if before * speed < 0.0 {
             return Some(*tick);
         }

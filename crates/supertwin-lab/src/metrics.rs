@@ -16,6 +16,9 @@ use crate::statistics::Better;
 use serde::{Deserialize, Deserializer, Serialize};
 use std::collections::BTreeSet;
 use std::sync::LazyLock;
+use supertwin_core::axes::{AXIS_NAMES, WRENCH_UNITS};
+use supertwin_core::block::SERVICES;
+use supertwin_core::signal::{self, tracking};
 
 /// Metrics that are defined alike.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -55,14 +58,17 @@ enum Source {
     Link,
 }
 
-const QUANTITIES: &[(&str, &str)] = &[
-    ("distance_m", "m"),
-    ("speed_m_per_s", "m/s"),
-    ("surge_m_per_s", "m/s"),
-    ("sway_m_per_s", "m/s"),
-    ("depth_m", "m"),
-    ("heading_rad", "rad"),
-];
+/// Each tracked quantity by its name among the scores.
+const QUANTITIES: &[(&str, &str)] = &{
+    let mut items = [("", ""); tracking::QUANTITIES.len()];
+    let mut i = 0;
+    while i < items.len() {
+        let quantity = &tracking::QUANTITIES[i];
+        items[i] = (quantity.score, quantity.signal.units[0]);
+        i += 1;
+    }
+    items
+};
 const INTEGRALS: &[(&str, &str)] = &[
     ("distance_m_s", "m s"),
     ("speed_m", "m"),
@@ -79,12 +85,11 @@ const SQUARES: &[(&str, &str)] = &[
     ("depth_m2_s", "m² s"),
     ("heading_rad2_s", "rad² s"),
 ];
-const WRENCH: &[(&str, &str)] = &[("surge", "N"), ("sway", "N"), ("heave", "N"), ("yaw", "N m")];
-const WRENCH_RATE: &[(&str, &str)] = &[("surge", "N/s"), ("sway", "N/s"), ("heave", "N/s"), ("yaw", "N m/s")];
-const SHARES: &[(&str, &str)] = &[("surge", "1"), ("sway", "1"), ("heave", "1"), ("yaw", "1")];
-const GAINS: &[(&str, &str)] = &[("surge", "N/√σ"), ("sway", "N/√σ"), ("heave", "N/√σ"), ("yaw", "N m/√σ")];
-const GAIN_RATES: &[(&str, &str)] =
-    &[("surge", "N/(√σ s)"), ("sway", "N/(√σ s)"), ("heave", "N/(√σ s)"), ("yaw", "N m/(√σ s)")];
+const WRENCH: &[(&str, &str)] = &axes(WRENCH_UNITS);
+const WRENCH_RATE: &[(&str, &str)] = &axes(&["N/s", "N/s", "N/s", "N m/s"]);
+const SHARES: &[(&str, &str)] = &axes(&["1"; 4]);
+const GAINS: &[(&str, &str)] = &axes(signal::controller::K1.units);
+const GAIN_RATES: &[(&str, &str)] = &axes(&["N/(√σ s)", "N/(√σ s)", "N/(√σ s)", "N m/(√σ s)"]);
 const SETTLING: &[(&str, &str)] = &[("distance_s", "s"), ("depth_s", "s"), ("heading_s", "s")];
 const OVERSHOOT: &[(&str, &str)] = &[("distance_share", "1"), ("depth_share", "1"), ("heading_share", "1")];
 const UNSETTLED: &[(&str, &str)] = &[("distance", "steps"), ("depth", "steps"), ("heading", "steps")];
@@ -99,6 +104,12 @@ const NEES: &[(&str, &str)] = &[
     ("heave", "1"),
     ("yaw_rate", "1"),
 ];
+
+/// One per axis.
+const fn axes(units: &[&'static str]) -> [(&'static str, &'static str); 4] {
+    let names = AXIS_NAMES;
+    [(names[0], units[0]), (names[1], units[1]), (names[2], units[2]), (names[3], units[3])]
+}
 
 const LOWER: Better = Better::Lower;
 const NEAR_ZERO: Better = Better::NearestTo(0.0);
@@ -162,7 +173,7 @@ pub static FAMILIES: &[Family] = families! {
     "dead_reckoning_share" &[("", "1")], LOWER, Health, "count/n", "share of time without a velocity measurement";
     "loop_us" &[("median", "µs"), ("p99", "µs"), ("max", "µs")], LOWER, Link, "median, median and max over seconds",
         "from measurements sent to the thrust they led to, as the plant counts it each second";
-    "step_us" &[("plant", "µs"), ("estimator", "µs"), ("guidance", "µs"), ("controller", "µs")], LOWER, Link,
+    "step_us" &[(SERVICES[0], "µs"), (SERVICES[1], "µs"), (SERVICES[2], "µs"), (SERVICES[3], "µs")], LOWER, Link,
         "max over seconds of p99", "time of a step with all that belongs to it";
     "transport_ms_max" &[("", "ms")], LOWER, Link, "max over services, inputs and seconds",
         "longest way of an input from its sender, if their clocks agree";
@@ -270,8 +281,8 @@ impl Selection {
         crate::rescore::is_needed(path)
             || (steps::is_needed(path) && self.wants(&[Source::Steps, Source::TrueSteps]))
             || (consistency::is_innovation(path) && self.wants(&[Source::Innovations]))
-            || (path == consistency::VARIANCE && self.wants(&[Source::Variances]))
-            || (path == consistency::HEALTH && self.wants(&[Source::Variances, Source::Health]))
+            || (path == signal::nav::VARIANCE.path && self.wants(&[Source::Variances]))
+            || (path == signal::nav::HEALTH.path && self.wants(&[Source::Variances, Source::Health]))
             || (path.starts_with("link/") && self.wants(&[Source::Link]))
     }
 }
@@ -350,10 +361,11 @@ mod tests {
 
     #[test]
     fn no_more_is_read_than_is_wanted() {
+        let (variance, loop_time) = (signal::nav::VARIANCE.path, signal::link::LOOP_TIME.path("plant"));
         let usual = Selection::default();
-        assert!(usual.is_needed("plant/truth/pose") && !usual.is_needed("estimator/nav/variance"));
+        assert!(usual.is_needed(signal::truth::POSE.path) && !usual.is_needed(variance));
         let more = Selection::parse(["nees.depth", "loop_us"]).expect("are known");
-        assert!(more.is_needed("estimator/nav/variance") && more.is_needed("link/plant/loop_time"));
-        assert!(!more.is_needed("guidance/target") && !more.is_needed("scene/net"));
+        assert!(more.is_needed(variance) && more.is_needed(&loop_time));
+        assert!(!more.is_needed(signal::guidance::TARGET.path) && !more.is_needed("scene/net"));
     }
 }

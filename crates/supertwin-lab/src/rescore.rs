@@ -2,45 +2,32 @@
 
 use crate::config::ConfigError;
 use crate::mission::Mission;
-use crate::score::{LawSample, Scorer, Scores, Tracking};
+use crate::score::{self, LawSample, OrNan, Scorer, Scores, Tracking};
 use crate::trial::ResolvedTrial;
 use crate::twin::Blocks;
 use supertwin_core::command::{Command, ControllerCommand};
-use supertwin_core::message::{Nav, Reference, Thrust, Truth};
+use supertwin_core::message::{Nav, Reference, SignalValues, Thrust, Truth};
 use supertwin_core::run::Properties;
 use supertwin_core::source::{Columns, Label};
-use supertwin_core::{Axes, Block, BodyVelocity, Property, RunSource, Tick, Wrench};
+use supertwin_core::{Block, Property, RunSource, Signal, Tick, Wrench, signal};
 use supertwin_gnc::Controller;
 
-/// Signals that every tick must have to be scored: path and number of components. Truth stands at the end: a run beside
-/// a real vehicle has none.
-const NEEDED: [(&str, usize); 14] = [
-    ("estimator/nav/pose", 2),
-    ("estimator/nav/velocity", 4),
-    ("estimator/nav/net", 4),
-    ("guidance/reference/velocity", 4),
-    ("guidance/reference/depth", 3),
-    ("guidance/reference/heading", 3),
-    ("guidance/reference/setpoint", 2),
-    (REQUESTED, 4),
-    ("controller/thrust/allocated", 4),
-    ("controller/thrust/limited", 4),
-    ("plant/truth/pose", 4),
-    ("plant/truth/velocity", 4),
-    ("plant/truth/net", 2),
-    ("plant/truth/wrench", 4),
-];
-/// So many of them are not truth.
-const KNOWN: usize = 10;
-const REQUESTED: &str = "controller/thrust/requested";
-const K1: &str = "controller/k1";
-const SIGMA: &str = "controller/sigma";
-const LAW: &str = "controller/law";
+/// Signals that every tick must have to be scored, without and with truth: a run beside a real vehicle has none.
+fn needed() -> [Vec<&'static Signal>; 2] {
+    use signal::thrust::{ALLOCATED, LIMITED, REQUESTED};
+    let mut known = score::MEASURED.to_vec();
+    known.extend([&REQUESTED, &ALLOCATED, &LIMITED]);
+    let mut truth = score::TRUE.to_vec();
+    truth.push(&signal::truth::WRENCH);
+    [known, truth]
+}
 
 /// Whether a signal, label or command is needed for scores: for reading no more than that.
 #[must_use]
 pub fn is_needed(path: &str) -> bool {
-    NEEDED.iter().any(|(needed, _)| *needed == path) || [K1, SIGMA, LAW].contains(&path) || path == "command/controller"
+    let law = [&signal::controller::K1, &signal::controller::SIGMA, &signal::controller::LAW];
+    let all = needed().into_iter().flatten().chain(law);
+    all.into_iter().any(|signal| signal.path == path) || path == "command/controller"
 }
 
 /// Scores of what is there.
@@ -119,7 +106,7 @@ pub fn rescore(source: &impl RunSource) -> Result<Rescored, RescoreError> {
     let mut ticks = 0;
     let mut before = -1;
     // Every tick that can be scored is one of these.
-    for &k in &source.signals()[REQUESTED].tick {
+    for &k in source.signal(&signal::thrust::REQUESTED).map_or(&[][..], |columns| &columns.tick) {
         if k <= before {
             continue;
         }
@@ -156,8 +143,8 @@ pub(crate) struct Sample {
 pub(crate) struct Walk<'a, S> {
     source: &'a S,
     pub(crate) tick_s: f64,
-    /// In the order of [`NEEDED`].
-    cursors: Vec<Cursor<'a>>,
+    cursors: Vec<(&'static Signal, Cursor<'a>)>,
+    has_truth: bool,
     gains: [Option<Cursor<'a>>; 2],
     law: LawAtWork<'a>,
 }
@@ -171,27 +158,33 @@ impl<'a, S: RunSource> Walk<'a, S> {
         let properties = source.properties().get("run").unwrap_or(&empty);
         let place = format!("{}: property config", source.name());
         let law = LawAtWork::new(source, &ResolvedTrial::from_properties(properties, &place)?)?;
-        let recorded = |path: &str| source.signals().get(path).filter(|columns| !columns.tick.is_empty());
-        let has_truth = NEEDED[KNOWN..].iter().any(|(path, _)| recorded(path).is_some());
-        let mut cursors = Vec::with_capacity(NEEDED.len());
-        for &(path, expected) in &NEEDED[..if truth || has_truth { NEEDED.len() } else { KNOWN }] {
-            let columns = recorded(path).ok_or_else(|| RescoreError::Signal { run: run(), path })?;
+        let recorded = |signal| source.signal(signal).filter(|columns| !columns.tick.is_empty());
+        let [mut needed, of_truth] = needed();
+        let has_truth = of_truth.iter().any(|signal| recorded(signal).is_some());
+        if truth || has_truth {
+            needed.extend(of_truth);
+        }
+        let mut cursors = Vec::with_capacity(needed.len());
+        for signal in needed {
+            let (path, expected) = (signal.path, signal.width());
+            let columns = recorded(signal).ok_or_else(|| RescoreError::Signal { run: run(), path })?;
             if columns.width != expected {
                 return Err(RescoreError::Width { run: run(), path, width: columns.width, expected });
             }
-            cursors.push(Cursor::new(columns));
+            cursors.push((signal, Cursor::new(columns)));
         }
-        let gains = [K1, SIGMA].map(|path| recorded(path).filter(|columns| columns.width == 4).map(Cursor::new));
-        Ok(Self { source, tick_s, cursors, gains, law })
+        let gains = [&signal::controller::K1, &signal::controller::SIGMA]
+            .map(|signal| recorded(signal).filter(|columns| columns.width == signal.width()).map(Cursor::new));
+        Ok(Self { source, tick_s, cursors, has_truth: truth || has_truth, gains, law })
     }
 
     /// The last tick of any signal that is needed.
     pub(crate) fn last(&self) -> i64 {
-        self.cursors.iter().filter_map(|cursor| cursor.columns.tick.last()).max().copied().unwrap_or(-1)
+        self.cursors.iter().filter_map(|(_, cursor)| cursor.columns.tick.last()).max().copied().unwrap_or(-1)
     }
 
     pub(crate) fn has_truth(&self) -> bool {
-        self.cursors.len() > KNOWN
+        self.has_truth
     }
 
     /// At tick `k`, which must not be smaller than the one before; `None` when something is not there.
@@ -199,23 +192,26 @@ impl<'a, S: RunSource> Walk<'a, S> {
         let tick = Tick { k: k as u64, dt_s: self.tick_s };
         self.law.apply_until(self.source, tick)?;
         let Some(law) = self.law.sample(k, &mut self.gains) else { return Ok(None) };
-        let mut rows: [&[f64]; NEEDED.len()] = [&[f64::NAN; 4]; NEEDED.len()];
-        for (row, cursor) in rows.iter_mut().zip(&mut self.cursors) {
-            let Some(values) = cursor.at(k) else { return Ok(None) };
-            *row = values;
-        }
-        Ok(Some(sample(tick, &rows, law)))
+        let rows: Option<Vec<_>> =
+            self.cursors.iter_mut().map(|(signal, cursor)| Some((*signal, cursor.at(k)?))).collect();
+        let Some(rows) = rows.map(Rows) else { return Ok(None) };
+        let rows = OrNan(&rows);
+        let (nav, reference, truth) = (rows.message::<Nav>(), rows.message::<Reference>(), rows.message::<Truth>());
+        let (Some(nav), Some(reference), Some(truth)) = (nav, reference, truth) else { return Ok(None) };
+        let Some(thrust) = rows.message() else { return Ok(None) };
+        let tracking = Tracking::new(&nav, &reference, &truth);
+        Ok(Some(Sample { tick, tracking, thrust, made: truth.wrench, law }))
     }
 
     /// The first number that is none in the ticks `from..to`: path and tick.
     pub(crate) fn not_finite(&self, from: i64, to: i64) -> Option<(&'static str, i64)> {
-        let found = NEEDED.iter().zip(&self.cursors).filter_map(|((path, _), cursor)| {
+        let found = self.cursors.iter().filter_map(|(signal, cursor)| {
             let ticks = &cursor.columns.tick;
             let first = ticks.partition_point(|tick| *tick < from);
             let last = ticks.partition_point(|tick| *tick < to).max(first);
             let values = cursor.columns.values.get(first * cursor.columns.width..last * cursor.columns.width)?;
             let at = values.iter().position(|value| !value.is_finite())?;
-            Some((*path, ticks[first + at / cursor.columns.width]))
+            Some((signal.path, ticks[first + at / cursor.columns.width]))
         });
         found.min_by_key(|(_, tick)| *tick)
     }
@@ -244,46 +240,16 @@ impl<'a> Cursor<'a> {
     }
 }
 
-/// The messages of one tick, as far as scores look at them; rows in the order of [`NEEDED`].
-fn sample(tick: Tick, rows: &[&[f64]; NEEDED.len()], law: LawSample) -> Sample {
-    let [pose, velocity, net, reference, depth, heading, setpoint, ..] = rows;
-    let mut nav = Nav { depth_m: pose[0], heading_rad: pose[1], velocity: body(velocity), ..Nav::default() };
-    nav.net.distance_m = net[0];
-    let reference = Reference {
-        surge_m_per_s: reference[0],
-        sway_m_per_s: reference[1],
-        depth_m: depth[0],
-        heading_rad: heading[0],
-        net_distance_m: setpoint[0],
-        speed_m_per_s: setpoint[1],
-        ..Reference::default()
-    };
-    let [.., requested, allocated, limited, pose, velocity, net, made] = rows;
-    let made = wrench(made);
-    let truth = Truth {
-        depth_m: pose[2],
-        heading_rad: pose[3],
-        velocity: body(velocity),
-        net_distance_m: net[0],
-        wrench: made,
-        ..Truth::default()
-    };
-    let thrust = Thrust {
-        requested: wrench(requested),
-        allocated: wrench(allocated),
-        limited: Axes::from(core::array::from_fn(|i| limited[i] != 0.0)),
-        ..Thrust::default()
-    };
-    Sample { tick, tracking: Tracking::new(&nav, &reference, &truth), thrust, made, law }
-}
+/// What was recorded of one tick.
+struct Rows<'a>(Vec<(&'static Signal, &'a [f64])>);
 
-/// The widths are checked before.
-fn body(v: &[f64]) -> BodyVelocity {
-    BodyVelocity::from([v[0], v[1], v[2], v[3]])
-}
-
-fn wrench(v: &[f64]) -> Wrench {
-    Wrench::from([v[0], v[1], v[2], v[3]])
+impl SignalValues for Rows<'_> {
+    fn numbers(&self, signal: &'static Signal) -> Option<&[f64]> {
+        self.0.iter().find(|(other, _)| core::ptr::eq(*other, signal)).map(|(_, values)| *values)
+    }
+    fn label(&self, _: &'static Signal) -> Option<&str> {
+        None
+    }
 }
 
 /// The law in command at each tick: by name from the recording, its parameters from the configuration and from the
@@ -300,8 +266,11 @@ struct LawAtWork<'a> {
 
 impl<'a> LawAtWork<'a> {
     fn new(source: &'a impl RunSource, trial: &ResolvedTrial) -> Result<Self, RescoreError> {
-        let names = source.labels().get(LAW).filter(|names| !names.is_empty());
-        let names = names.ok_or_else(|| RescoreError::Signal { run: source.name().to_owned(), path: LAW })?;
+        let law = &signal::controller::LAW;
+        let names = source.label(law);
+        if names.is_empty() {
+            return Err(RescoreError::Signal { run: source.name().to_owned(), path: law.path });
+        }
         // What a controller's parameters are does not depend on the seed.
         let controller = Blocks::new(trial, trial.trial.seed)?.controller;
         // Over a network the mission may have been left out; whatever applied was recorded. A replay has it as its mission.

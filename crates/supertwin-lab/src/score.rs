@@ -2,16 +2,46 @@
 
 use serde::{Deserialize, Serialize};
 use supertwin_core::frame::ssa;
-use supertwin_core::message::{Nav, Reference, Thrust, Truth};
+use supertwin_core::message::{FromSignals, Mode, Nav, Reference, SignalValues, Thrust, Truth};
 use supertwin_core::run::Properties;
-use supertwin_core::{Axes, Observe, Probe, Signal, Tick, Wrench};
+use supertwin_core::signal::tracking::QUANTITIES;
+use supertwin_core::{Axes, BodyVelocity, Observe, Probe, Signal, Tick, Wrench, signal};
 
 /// Number of scored quantities.
-pub const QUANTITIES: usize = 6;
+const COUNT: usize = QUANTITIES.len();
 
-/// Names of the scored quantities, in the order of the paper's table IV.
-pub const QUANTITY_NAMES: [&str; QUANTITIES] =
-    ["distance_m", "speed_m_per_s", "surge_m_per_s", "sway_m_per_s", "depth_m", "heading_rad"];
+/// Signals that the measured part of [`Tracking`] and its references follow from.
+pub(crate) static MEASURED: [&Signal; 7] = [
+    &signal::nav::POSE,
+    &signal::nav::VELOCITY,
+    &signal::nav::NET,
+    &signal::reference::VELOCITY,
+    &signal::reference::DEPTH,
+    &signal::reference::HEADING,
+    &signal::reference::SETPOINT,
+];
+/// Signals that its true part follows from.
+pub(crate) static TRUE: [&Signal; 3] = [&signal::truth::POSE, &signal::truth::VELOCITY, &signal::truth::NET];
+
+/// NaN in the place of what is not there: messages of which only a part is looked at.
+pub(crate) struct OrNan<'a, V>(pub(crate) &'a V);
+
+impl<V: SignalValues> OrNan<'_, V> {
+    pub(crate) fn message<M: FromSignals>(&self) -> Option<M> {
+        M::from_signals(self)
+    }
+}
+
+impl<V: SignalValues> SignalValues for OrNan<'_, V> {
+    fn numbers(&self, signal: &'static Signal) -> Option<&[f64]> {
+        const NAN: [f64; 16] = [f64::NAN; 16];
+        self.0.numbers(signal).or_else(|| NAN.get(..signal.width()))
+    }
+    fn label(&self, signal: &'static Signal) -> Option<&str> {
+        // A mode stands for none.
+        self.0.label(signal).or(Some(Mode::default().name()))
+    }
+}
 
 /// The six quantities of the paper's figures at one tick, three times.
 ///
@@ -20,28 +50,25 @@ pub const QUANTITY_NAMES: [&str; QUANTITIES] =
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Tracking {
     /// As estimated.
-    pub measured: [f64; QUANTITIES],
+    pub measured: [f64; COUNT],
     /// As wanted.
-    pub reference: [f64; QUANTITIES],
+    pub reference: [f64; COUNT],
     /// As it is.
-    pub truth: [f64; QUANTITIES],
+    pub truth: [f64; COUNT],
 }
 
 impl Tracking {
-    /// From distance, surge, sway, depth and heading, estimated and true; total speed `√(u² + v²)` follows from them.
-    #[inline(always)]
-    fn of(estimated: [f64; 5], reference: [f64; QUANTITIES], truth: [f64; 5]) -> Self {
-        let with_speed = |[d, u, v, z, psi]: [f64; 5]| [d, libm::sqrt(u * u + v * v), u, v, z, psi];
-        Self { measured: with_speed(estimated), reference, truth: with_speed(truth) }
-    }
-
     /// From the messages of one tick.
     #[must_use]
     pub fn new(nav: &Nav, reference: &Reference, truth: &Truth) -> Self {
-        let (v, t) = (&nav.velocity, &truth.velocity);
-        Self::of(
-            [nav.net.distance_m, v.surge_m_per_s, v.sway_m_per_s, nav.depth_m, nav.heading_rad],
-            [
+        // Total speed √(u² + v²) follows from surge and sway.
+        let with_speed = |d: f64, velocity: &BodyVelocity, z: f64, psi: f64| {
+            let (u, v) = (velocity.surge_m_per_s, velocity.sway_m_per_s);
+            [d, libm::sqrt(u * u + v * v), u, v, z, psi]
+        };
+        Self {
+            measured: with_speed(nav.net.distance_m, &nav.velocity, nav.depth_m, nav.heading_rad),
+            reference: [
                 reference.net_distance_m,
                 reference.speed_m_per_s.abs(),
                 reference.surge_m_per_s,
@@ -49,63 +76,31 @@ impl Tracking {
                 reference.depth_m,
                 reference.heading_rad,
             ],
-            [truth.net_distance_m, t.surge_m_per_s, t.sway_m_per_s, truth.depth_m, truth.heading_rad],
-        )
+            truth: with_speed(truth.net_distance_m, &truth.velocity, truth.depth_m, truth.heading_rad),
+        }
     }
 
-    /// From what the blocks show, by path; `None` when something is missing.
+    /// From what was shown at one tick; `None` when something is missing.
     #[must_use]
-    pub fn from_signals<'a>(get: impl Fn(&str) -> Option<&'a [f64]>) -> Option<Self> {
-        let number = |path: &str, i: usize| get(path).and_then(|values| values.get(i)).copied();
-        Some(Self::of(
-            [
-                number("estimator/nav/net", 0)?,
-                number("estimator/nav/velocity", 0)?,
-                number("estimator/nav/velocity", 1)?,
-                number("estimator/nav/pose", 0)?,
-                number("estimator/nav/pose", 1)?,
-            ],
-            [
-                number("guidance/reference/setpoint", 0)?,
-                number("guidance/reference/setpoint", 1)?.abs(),
-                number("guidance/reference/velocity", 0)?,
-                number("guidance/reference/velocity", 1)?,
-                number("guidance/reference/depth", 0)?,
-                number("guidance/reference/heading", 0)?,
-            ],
-            [
-                number("plant/truth/net", 0)?,
-                number("plant/truth/velocity", 0)?,
-                number("plant/truth/velocity", 1)?,
-                number("plant/truth/pose", 2)?,
-                number("plant/truth/pose", 3)?,
-            ],
-        ))
+    pub fn from_signals(values: &impl SignalValues) -> Option<Self> {
+        let all = MEASURED.iter().chain(&TRUE).all(|signal| values.numbers(signal).is_some());
+        let values = OrNan(values);
+        all.then(|| Some(Self::new(&values.message()?, &values.message()?, &values.message()?)))?
     }
 
     /// `value − reference`, the heading the short way round.
     #[inline(always)]
-    pub(crate) fn error(&self, value: &[f64; QUANTITIES]) -> [f64; QUANTITIES] {
-        let mut error: [f64; QUANTITIES] = core::array::from_fn(|i| value[i] - self.reference[i]);
-        error[QUANTITIES - 1] = ssa(error[QUANTITIES - 1]);
+    pub(crate) fn error(&self, value: &[f64; COUNT]) -> [f64; COUNT] {
+        let mut error: [f64; COUNT] = core::array::from_fn(|i| value[i] - self.reference[i]);
+        error[COUNT - 1] = ssa(error[COUNT - 1]);
         error
     }
 }
 
-const THREE: &[&str] = &["measured", "reference", "true"];
-static TRACKING: [Signal; QUANTITIES] = [
-    Signal { path: "tracking/distance", components: THREE, units: &["m"], about: "distance to the net" },
-    Signal { path: "tracking/speed", components: THREE, units: &["m/s"], about: "total speed" },
-    Signal { path: "tracking/surge", components: THREE, units: &["m/s"], about: "surge" },
-    Signal { path: "tracking/sway", components: THREE, units: &["m/s"], about: "sway" },
-    Signal { path: "tracking/depth", components: THREE, units: &["m"], about: "depth" },
-    Signal { path: "tracking/heading", components: THREE, units: &["rad"], about: "heading" },
-];
-
 impl Observe for Tracking {
     fn observe<P: Probe>(&self, probe: &mut P) {
-        for (i, signal) in TRACKING.iter().enumerate() {
-            probe.vector(signal, &[self.measured[i], self.reference[i], self.truth[i]]);
+        for (i, quantity) in QUANTITIES.iter().enumerate() {
+            probe.vector(quantity.signal, &[self.measured[i], self.reference[i], self.truth[i]]);
         }
     }
 }
@@ -123,8 +118,8 @@ pub struct PerQuantity {
     pub heading_rad: f64,
 }
 
-impl From<[f64; QUANTITIES]> for PerQuantity {
-    fn from(v: [f64; QUANTITIES]) -> Self {
+impl From<[f64; COUNT]> for PerQuantity {
+    fn from(v: [f64; COUNT]) -> Self {
         let [distance_m, speed_m_per_s, surge_m_per_s, sway_m_per_s, depth_m, heading_rad] = v;
         Self { distance_m, speed_m_per_s, surge_m_per_s, sway_m_per_s, depth_m, heading_rad }
     }
@@ -133,7 +128,7 @@ impl From<[f64; QUANTITIES]> for PerQuantity {
 impl PerQuantity {
     /// In the order of the paper's table IV.
     #[must_use]
-    pub fn to_array(self) -> [f64; QUANTITIES] {
+    pub fn to_array(self) -> [f64; COUNT] {
         [self.distance_m, self.speed_m_per_s, self.surge_m_per_s, self.sway_m_per_s, self.depth_m, self.heading_rad]
     }
 }
@@ -181,13 +176,13 @@ pub struct Scores {
 
 #[derive(Clone, Copy, Debug, Default)]
 struct ErrorSums {
-    square: [f64; QUANTITIES],
-    sum: [f64; QUANTITIES],
-    max: [f64; QUANTITIES],
+    square: [f64; COUNT],
+    sum: [f64; COUNT],
+    max: [f64; COUNT],
 }
 
 impl ErrorSums {
-    fn add(&mut self, error: &[f64; QUANTITIES]) {
+    fn add(&mut self, error: &[f64; COUNT]) {
         for (i, e) in error.iter().enumerate() {
             self.square[i] += e * e;
             self.sum[i] += e;
@@ -274,8 +269,8 @@ impl Scorer {
         let measured = tracking.error(&tracking.measured);
         self.measured.add(&measured);
         self.truth.add(&tracking.error(&tracking.truth));
-        let mut estimation: [f64; QUANTITIES] = core::array::from_fn(|i| tracking.measured[i] - tracking.truth[i]);
-        estimation[QUANTITIES - 1] = ssa(estimation[QUANTITIES - 1]);
+        let mut estimation: [f64; COUNT] = core::array::from_fn(|i| tracking.measured[i] - tracking.truth[i]);
+        estimation[COUNT - 1] = ssa(estimation[COUNT - 1]);
         self.estimation.add(&estimation);
         // Reference sway tells the direction of travel; where it passes through zero there is none.
         let direction = supertwin_gnc::control::super_twisting::sgn(tracking.reference[3]);

@@ -12,7 +12,7 @@ use supertwin_core::digest::{DigestProbe, RunDigest, block_digest};
 use supertwin_core::message::{Measurements, Nav, Reference, Thrust, Truth, WrenchRequest};
 use supertwin_core::observe::Snapshot;
 use supertwin_core::random::Stream;
-use supertwin_core::{Block, Event, Observe, OperatorLink, Prev, Probe, Refusal, Signal, Tick, Watch};
+use supertwin_core::{Block, Event, Observe, OperatorLink, Prev, Probe, Refusal, Tick, Watch, signal};
 use supertwin_gnc::control::ControllerSetup;
 use supertwin_gnc::{Allocation, Controller, ControllerInput, Estimator, EstimatorInput, Guidance, GuidanceInput};
 use supertwin_model::{Hydrodynamics, Thrusters};
@@ -368,13 +368,6 @@ impl Twin {
     }
 }
 
-static WITHHELD: Signal = Signal {
-    path: "link/withheld",
-    components: &["measurements", "nav", "reference", "thrust"],
-    units: &["count"],
-    about: "messages lost on cut wires",
-};
-
 impl Observe for Twin {
     /// Everything that the blocks and the wires show, in the order of the ring.
     fn observe<P: Probe>(&self, probe: &mut P) {
@@ -387,7 +380,7 @@ impl Observe for Twin {
         now.reference.observe(probe);
         self.controller.observe(probe);
         now.thrust.observe(probe);
-        probe.vector(&WITHHELD, &self.withheld().map(|count| count as f64));
+        probe.vector(&signal::link::WITHHELD, &self.withheld().map(|count| count as f64));
     }
 }
 

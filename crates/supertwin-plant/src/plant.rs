@@ -16,8 +16,8 @@ use supertwin_core::message::{Measurements, Thrust, Truth};
 use supertwin_core::port::{MessageVisitor, PortVisitor};
 use supertwin_core::random::{Draw, OrnsteinUhlenbeck, Stream};
 use supertwin_core::{
-    Block, BodyVelocity, Input, Notice, Notices, Observe, OperatorLink, Port, PortRule, Prev, Probe, Refusal, Signal,
-    Tick, Wired, Wrench,
+    Block, BodyVelocity, Input, Notice, Notices, Observe, OperatorLink, Port, PortRule, Prev, Probe, Refusal, Tick,
+    Wired, Wrench, signal,
 };
 use supertwin_model::{Hydrodynamics, Thrusters};
 
@@ -432,28 +432,13 @@ impl Wired for Plant {
     }
 }
 
-static PLANT_HEALTH: Signal = Signal {
-    path: "plant/health",
-    components: &["thrust_lost", "pings_lost"],
-    units: &["flag", "count"],
-    about: "no fresh thrust command: thrusters neutral; pings lost inside the DVL",
-};
-static DEMAND: Signal = Signal {
-    path: "plant/thruster_demand",
-    components: &["t1", "t2", "t3", "t4", "t5", "t6", "t7", "t8"],
-    units: &["N"],
-    about: "force demanded at the propellers, after delay, dead band and limit",
-};
-
-/// Signals that are shown by no message.
-pub(crate) fn own_signals() -> [&'static Signal; 2] {
-    [&DEMAND, &PLANT_HEALTH]
-}
-
 impl Observe for Plant {
     fn observe<P: Probe>(&self, probe: &mut P) {
         self.truth.observe(probe);
-        probe.vector(&DEMAND, &self.propulsion.demand().as_slice()[..self.propulsion.thrusters().count()]);
-        probe.vector(&PLANT_HEALTH, &[f64::from(u8::from(self.thrust_lost)), self.dvl.lost() as f64]);
+        probe.vector(
+            &signal::plant::THRUSTER_DEMAND,
+            &self.propulsion.demand().as_slice()[..self.propulsion.thrusters().count()],
+        );
+        probe.vector(&signal::plant::HEALTH, &[f64::from(u8::from(self.thrust_lost)), self.dvl.lost() as f64]);
     }
 }

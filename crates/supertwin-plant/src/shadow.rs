@@ -8,12 +8,11 @@ use core::f64::consts::TAU;
 use serde::{Deserialize, Serialize};
 use std::sync::OnceLock;
 use supertwin_core::command::PlantCommand;
-use supertwin_core::message::{
-    DepthSample, DvlPing, HeadingSample, Measurements, Message, Thrust, Truth, YawRateSample,
-};
+use supertwin_core::message::{Measurements, Message, Thrust, Truth};
 use supertwin_core::port::{MessageVisitor, PortVisitor};
 use supertwin_core::{
     Block, Input, Notice, Notices, Observe, OperatorLink, Port, PortRule, Prev, Probe, Refusal, Signal, Tick, Wired,
+    signal,
 };
 
 /// Ticks without a word of the driver that are made up for; after more, the shadow goes on from where it was.
@@ -175,22 +174,13 @@ impl Wired for Shadow {
     }
 }
 
-static RESIDUAL: Signal = Signal {
-    path: "shadow/residual",
-    components: &["depth", "heading", "yaw_rate", "surge", "sway", "heave"],
-    units: &["m", "rad", "rad/s", "m/s", "m/s", "m/s"],
-    about: "the vehicle's last readings less where its shadow is",
-};
-static LEFT_OUT: Signal =
-    Signal { path: "shadow/left_out", components: &[], units: &["count"], about: "ticks that were never made up for" };
-
 impl Observe for Shadow {
     fn observe<P: Probe>(&self, probe: &mut P) {
         self.plant.observe(&mut Renamed(probe));
         let r = &self.residual;
         let [surge, sway, heave] = r.velocity_m_per_s;
-        probe.vector(&RESIDUAL, &[r.depth_m, r.heading_rad, r.yaw_rate_rad_per_s, surge, sway, heave]);
-        probe.scalar(&LEFT_OUT, self.left_out as f64);
+        probe.vector(&signal::shadow::RESIDUAL, &[r.depth_m, r.heading_rad, r.yaw_rate_rad_per_s, surge, sway, heave]);
+        probe.scalar(&signal::shadow::LEFT_OUT, self.left_out as f64);
     }
 }
 
@@ -209,64 +199,41 @@ impl<P: Probe> Probe for Renamed<'_, P> {
 /// The signal `shadow/…` beside one of the plant's.
 fn shadowed(signal: &'static Signal) -> &'static Signal {
     static KNOWN: OnceLock<Vec<(&'static Signal, Signal)>> = OnceLock::new();
-    let known = KNOWN.get_or_init(|| {
-        let mut names = Names::default();
-        crate::plant::own_signals().into_iter().for_each(|signal| names.vector(signal, &[]));
-        Truth::default().observe(&mut names);
-        everything().observe(&mut names);
-        names.0
-    });
+    let known =
+        KNOWN.get_or_init(|| signal::all().filter(|signal| signal.service() == Plant::NAME).map(renamed).collect());
     known.iter().find(|(theirs, _)| core::ptr::eq(*theirs, signal)).map_or(signal, |(_, ours)| ours)
 }
 
-#[derive(Default)]
-struct Names(Vec<(&'static Signal, Signal)>);
-
-impl Probe for Names {
-    fn vector(&mut self, signal: &'static Signal, _: &[f64]) {
-        // Once for the whole program.
-        let path: &'static str = Box::leak(format!("shadow/{}", signal.path).into_boxed_str());
-        let Signal { components, units, about, .. } = *signal;
-        self.0.push((signal, Signal { path, components, units, about }));
-    }
-    fn label(&mut self, signal: &'static Signal, _: &'static str) {
-        self.vector(signal, &[]);
-    }
-}
-
-/// Measurements that show every signal they have.
-fn everything() -> Measurements {
-    Measurements {
-        dvl: Some(DvlPing { taken_at_s: 0.0, velocity_m_per_s: Some([0.0; 3]), beam_range_m: [None; 4] }),
-        depth: Some(DepthSample { taken_at_s: 0.0, depth_m: 0.0 }),
-        compass: Some(HeadingSample { taken_at_s: 0.0, heading_rad: 0.0 }),
-        gyro: Some(YawRateSample { taken_at_s: 0.0, yaw_rate_rad_per_s: 0.0 }),
-    }
+/// Once for the whole program.
+fn renamed(signal: &'static Signal) -> (&'static Signal, Signal) {
+    let Signal { components, units, about, .. } = *signal;
+    (signal, Signal { path: String::leak(format!("shadow/{}", signal.path)), components, units, about })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use supertwin_core::message::DepthSample;
     use supertwin_core::observe::Snapshot;
 
     #[test]
-    fn every_signal_of_the_shadow_has_a_name_of_its_own() {
-        let measured = Snapshot::of(&ShadowMeasurements(everything()));
-        let truth = Snapshot::of(&ShadowTruth::default());
-        for (signal, _) in measured.vectors.iter().chain(&truth.vectors) {
-            assert!(signal.path.starts_with("shadow/plant/"), "{}", signal.path);
-        }
-        assert_eq!(measured.vectors.len(), Snapshot::of(&everything()).vectors.len());
-        for signal in crate::plant::own_signals() {
+    fn every_signal_of_the_plant_has_another_name_in_the_shadow() {
+        let theirs: Vec<_> = signal::all().filter(|signal| signal.service() == "plant").collect();
+        assert!(theirs.contains(&&signal::plant::HEALTH) && theirs.contains(&&signal::measurements::gyro::YAW_RATE));
+        for signal in theirs {
             assert_eq!(shadowed(signal).path, format!("shadow/{}", signal.path));
             assert_eq!(shadowed(signal).units, signal.units);
         }
+        let shown = Snapshot::of(&ShadowTruth::default());
+        assert!(shown.vectors.iter().all(|(signal, _)| signal.path.starts_with("shadow/plant/")), "{shown:?}");
     }
 
     #[test]
     fn its_messages_are_those_of_the_plant_on_other_keys() {
-        let plain = serde_json::to_string(&everything()).expect("JSON");
-        assert_eq!(serde_json::to_string(&ShadowMeasurements(everything())).expect("JSON"), plain);
+        let measured =
+            Measurements { depth: Some(DepthSample { taken_at_s: 1.0, depth_m: 2.0 }), ..Default::default() };
+        let plain = serde_json::to_string(&measured).expect("JSON");
+        assert_eq!(serde_json::to_string(&ShadowMeasurements(measured)).expect("JSON"), plain);
         assert_eq!(ShadowMeasurements::KEY, format!("shadow/{}", Measurements::KEY));
         assert_eq!(ShadowTruth::KEY, format!("shadow/{}", Truth::KEY));
     }

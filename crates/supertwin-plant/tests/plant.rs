@@ -8,7 +8,7 @@ use supertwin_core::frame::{Heading, ssa};
 use supertwin_core::message::{Measurements, Thrust, Truth};
 use supertwin_core::observe::Snapshot;
 use supertwin_core::random::Stream;
-use supertwin_core::{Block, Input, Message, Prev, Tick, Wrench};
+use supertwin_core::{Block, Input, Message, Prev, Tick, Wrench, signal};
 use supertwin_model::{Hydrodynamics, HydrodynamicsConfig, SonarArray, ThrusterConfig, Thrusters};
 use supertwin_plant::cage::{Cage, CageConfig};
 use supertwin_plant::sensors::{Compass, DepthSensor, Dvl, DvlScene, Gyro};
@@ -481,7 +481,7 @@ fn commands_are_delayed_one_by_one() {
     let mut demands = Vec::new();
     for _ in 0..8 {
         bench.step(&idle());
-        demands.push(Snapshot::of(&bench.plant).get("plant/thruster_demand").expect("shown")[0]);
+        demands.push(Snapshot::of(&bench.plant).get(&signal::plant::THRUSTER_DEMAND).expect("shown")[0]);
     }
     assert_eq!(demands, [0.0, 0.0, 0.0, 0.0, 50.0, 0.0, 0.0, 0.0]);
 }
@@ -562,7 +562,7 @@ fn faults_that_can_not_be_are_refused_with_value_and_rule() {
 
 #[test]
 fn a_thrust_command_that_is_too_old_means_neutral() {
-    let health = |bench: &Bench| Snapshot::of(&bench.plant).get("plant/health").expect("shown")[0];
+    let health = |bench: &Bench| Snapshot::of(&bench.plant).get(&signal::plant::HEALTH).expect("shown")[0];
     for missing in [false, true] {
         let mut bench = Setup::quiet().build(1);
         let command = ahead(50.0);

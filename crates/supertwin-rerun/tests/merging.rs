@@ -11,7 +11,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
-use supertwin_core::observe::Signal;
+use supertwin_core::Signal;
 use supertwin_core::{RunHeader, RunSink, Tick};
 use supertwin_rerun::merge::{Better, Cell, Row, Scores};
 use supertwin_rerun::{COMPARISON, Merge, MergeError, MergedRun, Options, ReadError, RerunSink, merge, read};

@@ -5,7 +5,8 @@
 use crate::common::{DT_S, header, play, results};
 use std::fs;
 use std::path::Path;
-use supertwin_core::observe::{Both, Probe, Signal, Snapshot};
+use supertwin_core::Signal;
+use supertwin_core::observe::{Both, Probe, Snapshot};
 use supertwin_core::run::{Properties, Severity};
 use supertwin_core::{Event, Property, RunHeader, RunSink, SinkError, Tick};
 use supertwin_rerun::{Clocks, Options, ReadError, Recording, RerunSink, read};

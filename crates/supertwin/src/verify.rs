@@ -335,7 +335,7 @@ fn first_difference(k: u64, twin: &Twin, lap: &Lap<'_>) -> Difference {
     for (service, sample) in RING.iter().zip(lap) {
         for (path, there) in &sample.data.signals {
             let differs = match there {
-                Shape::Numbers(numbers) => here.get(path).is_none_or(|values| {
+                Shape::Numbers(numbers) => here.named(path).is_none_or(|values| {
                     values.len() != numbers.len()
                         || values.iter().zip(numbers).any(|(a, b)| (a + 0.0).to_bits() != (b + 0.0).to_bits())
                 }),
@@ -346,7 +346,7 @@ fn first_difference(k: u64, twin: &Twin, lap: &Lap<'_>) -> Difference {
                     tick: k,
                     service: (*service).to_owned(),
                     signal: path.clone(),
-                    here: here.get(path).map_or_else(|| "another label, or none".to_owned(), |v| format!("{v:?}")),
+                    here: here.named(path).map_or_else(|| "another label, or none".to_owned(), |v| format!("{v:?}")),
                     there: format!("{there:?}"),
                 };
             }

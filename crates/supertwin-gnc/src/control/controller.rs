@@ -10,8 +10,8 @@ use supertwin_core::command::ControllerCommand;
 use supertwin_core::message::{Mode, Nav, Reference, Thrust, WrenchRequest};
 use supertwin_core::port::PortVisitor;
 use supertwin_core::{
-    Block, Input, Notice, Notices, Observe, OperatorLink, Port, PortRule, Prev, Probe, Refusal, Signal, Tick, Wired,
-    parameter,
+    Block, Input, Notice, Notices, Observe, OperatorLink, Port, PortRule, Prev, Probe, Refusal, Tick, Wired, parameter,
+    signal,
 };
 use supertwin_model::Hydrodynamics;
 
@@ -367,22 +367,12 @@ impl Wired for Controller {
     }
 }
 
-static STATUS: Signal =
-    Signal { path: "controller/status", components: &[], units: &[], about: "what the controller is doing" };
-static LAW: Signal = Signal { path: "controller/law", components: &[], units: &[], about: "law in command" };
-static NON_FINITE: Signal = Signal {
-    path: "controller/non_finite",
-    components: &[],
-    units: &["count"],
-    about: "wrenches of the law that were no numbers and were replaced by zero",
-};
-
 impl Observe for Controller {
     fn observe<P: Probe>(&self, probe: &mut P) {
         self.error.observe(probe);
         self.law().observe(probe);
-        probe.scalar(&NON_FINITE, f64::from(self.non_finite));
-        probe.label(&LAW, self.law().name());
-        probe.label(&STATUS, self.status.name());
+        probe.scalar(&signal::controller::NON_FINITE, f64::from(self.non_finite));
+        probe.label(&signal::controller::LAW, self.law().name());
+        probe.label(&signal::controller::STATUS, self.status.name());
     }
 }

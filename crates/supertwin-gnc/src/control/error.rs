@@ -1,10 +1,9 @@
 //! Tracking errors of paper section III-B.
 
 use nalgebra::Vector4;
-use supertwin_core::axes::{ACCELERATION_UNITS, AXIS_NAMES};
 use supertwin_core::frame::ssa;
 use supertwin_core::message::{Nav, Reference};
-use supertwin_core::{Observe, Probe, Signal};
+use supertwin_core::{Observe, Probe, signal};
 
 /// `x1`, velocities and the model's acceleration relative to the reference.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -43,29 +42,10 @@ impl TrackingError {
     }
 }
 
-static X1: Signal = Signal {
-    path: "controller/error",
-    components: AXIS_NAMES,
-    units: &["m/s", "m/s", "m", "rad"],
-    about: "tracking errors x1: surge and sway velocity, depth, heading",
-};
-static VELOCITY_ERROR: Signal = Signal {
-    path: "controller/velocity_error",
-    components: AXIS_NAMES,
-    units: supertwin_core::axes::VELOCITY_UNITS,
-    about: "velocity errors of all axes",
-};
-static ACCELERATION_ERROR: Signal = Signal {
-    path: "controller/acceleration_error",
-    components: AXIS_NAMES,
-    units: ACCELERATION_UNITS,
-    about: "acceleration errors by the estimator's model",
-};
-
 impl Observe for TrackingError {
     fn observe<P: Probe>(&self, probe: &mut P) {
-        probe.vector(&X1, self.x1.as_slice());
-        probe.vector(&VELOCITY_ERROR, self.velocity.as_slice());
-        probe.vector(&ACCELERATION_ERROR, self.model_acceleration.as_slice());
+        probe.vector(&signal::controller::ERROR, self.x1.as_slice());
+        probe.vector(&signal::controller::VELOCITY_ERROR, self.velocity.as_slice());
+        probe.vector(&signal::controller::ACCELERATION_ERROR, self.model_acceleration.as_slice());
     }
 }

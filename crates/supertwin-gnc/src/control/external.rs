@@ -6,9 +6,8 @@
 use super::{Law, LawConfig, LawInput};
 use nalgebra::Vector4;
 use serde::{Deserialize, Serialize};
-use supertwin_core::axes::AXIS_NAMES;
 use supertwin_core::message::WrenchRequest;
-use supertwin_core::{Observe, Probe, Signal};
+use supertwin_core::{Observe, Probe, signal};
 use supertwin_model::Hydrodynamics;
 
 /// Parameters of the law.
@@ -78,16 +77,9 @@ impl External {
     }
 }
 
-static OUTSIDE: Signal = Signal {
-    path: "controller/external",
-    components: AXIS_NAMES,
-    units: &["flag"],
-    about: "axes that are steered from outside",
-};
-
 impl Observe for External {
     fn observe<P: Probe>(&self, probe: &mut P) {
-        probe.vector(&OUTSIDE, &self.outside.map(|flag| f64::from(u8::from(flag))));
+        probe.vector(&signal::controller::EXTERNAL, &self.outside.map(|flag| f64::from(u8::from(flag))));
         self.substitute.observe(probe);
     }
 }

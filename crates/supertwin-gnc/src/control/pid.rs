@@ -8,9 +8,8 @@ use super::super_twisting::AntiWindup;
 use super::surface::{Surface, SurfaceConfig};
 use nalgebra::Vector4;
 use serde::{Deserialize, Serialize};
-use supertwin_core::axes::AXIS_NAMES;
 use supertwin_core::check::{NonNegative, Positive};
-use supertwin_core::{Axes, Observe, Probe, Signal};
+use supertwin_core::{Axes, Observe, Probe, signal};
 
 /// Gains in newtons (newton metres) per unit of error, its integral and its derivative.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -94,15 +93,8 @@ impl Pid {
     }
 }
 
-static INTEGRAL: Signal = Signal {
-    path: "controller/integral",
-    components: AXIS_NAMES,
-    units: &["m", "m", "m s", "rad s"],
-    about: "integral of the tracking error",
-};
-
 impl Observe for Pid {
     fn observe<P: Probe>(&self, probe: &mut P) {
-        probe.vector(&INTEGRAL, self.integral.as_slice());
+        probe.vector(&signal::controller::INTEGRAL, self.integral.as_slice());
     }
 }

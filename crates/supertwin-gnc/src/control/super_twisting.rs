@@ -11,8 +11,7 @@ use super::surface::{Surface, SurfaceConfig};
 use super::{LawInput, TrackingError};
 use nalgebra::Vector4;
 use serde::{Deserialize, Serialize};
-use supertwin_core::axes::AXIS_NAMES;
-use supertwin_core::{Observe, Probe, Signal};
+use supertwin_core::{Observe, Probe, signal};
 use supertwin_model::Hydrodynamics;
 
 /// How the continuous law becomes a sampled one.
@@ -224,47 +223,14 @@ impl SuperTwisting {
     }
 }
 
-static SIGMA: Signal = Signal {
-    path: "controller/sigma",
-    components: AXIS_NAMES,
-    units: &["m/s", "m/s", "m", "rad"],
-    about: "sliding variable",
-};
-static PHI1: Signal = Signal {
-    path: "controller/phi1",
-    components: AXIS_NAMES,
-    units: &["√σ"],
-    about: "φ1 of the sliding variable, eq. (16)",
-};
-static PHI2: Signal = Signal {
-    path: "controller/phi2",
-    components: AXIS_NAMES,
-    units: &["1"],
-    about: "φ2 of the sliding variable, eq. (17)",
-};
-static K1: Signal = Signal {
-    path: "controller/k1",
-    components: AXIS_NAMES,
-    units: &["N/√σ", "N/√σ", "N/√σ", "N m/√σ"],
-    about: "gain k1, adaptive in AGSTA",
-};
-static K2: Signal =
-    Signal { path: "controller/k2", components: AXIS_NAMES, units: &["N/s", "N/s", "N/s", "N m/s"], about: "gain k2" };
-static INTEGRATOR: Signal = Signal {
-    path: "controller/z",
-    components: AXIS_NAMES,
-    units: supertwin_core::axes::WRENCH_UNITS,
-    about: "integrator of the law",
-};
-
 impl Observe for SuperTwisting {
     fn observe<P: Probe>(&self, probe: &mut P) {
-        probe.vector(&SIGMA, self.sigma.as_slice());
-        probe.vector(&PHI1, self.phi1.as_slice());
-        probe.vector(&PHI2, self.phi2.as_slice());
-        probe.vector(&K1, self.k1.as_slice());
-        probe.vector(&K2, self.k2.as_slice());
-        probe.vector(&INTEGRATOR, self.z.as_slice());
+        probe.vector(&signal::controller::SIGMA, self.sigma.as_slice());
+        probe.vector(&signal::controller::PHI1, self.phi1.as_slice());
+        probe.vector(&signal::controller::PHI2, self.phi2.as_slice());
+        probe.vector(&signal::controller::K1, self.k1.as_slice());
+        probe.vector(&signal::controller::K2, self.k2.as_slice());
+        probe.vector(&signal::controller::Z, self.z.as_slice());
         self.surface.observe(probe);
     }
 }

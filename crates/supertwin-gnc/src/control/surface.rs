@@ -4,7 +4,7 @@ use super::TrackingError;
 use nalgebra::{Vector3, Vector4};
 use serde::{Deserialize, Serialize};
 use supertwin_core::check::Positive;
-use supertwin_core::{Observe, Probe, Signal};
+use supertwin_core::{Observe, Probe, signal};
 use supertwin_model::Hydrodynamics;
 
 /// Where the acceleration in `x2 = [ũ', ṽ', 2w̃ + w̃', r̃]` comes from.
@@ -98,15 +98,8 @@ impl Surface {
     }
 }
 
-static LEAD: Signal = Signal {
-    path: "controller/surface_acceleration",
-    components: &["surge", "sway", "heave"],
-    units: &["m/s²"],
-    about: "acceleration error inside the sliding variable",
-};
-
 impl Observe for Surface {
     fn observe<P: Probe>(&self, probe: &mut P) {
-        probe.vector(&LEAD, self.acceleration.as_slice());
+        probe.vector(&signal::controller::SURFACE_ACCELERATION, self.acceleration.as_slice());
     }
 }

@@ -9,7 +9,7 @@ pub use rate_gated::{RateGated, RateGatedConfig};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use supertwin_core::message::{DvlPing, NetEstimate};
-use supertwin_core::{Observe, Probe, Signal};
+use supertwin_core::{Observe, Probe, signal};
 use supertwin_model::SonarArray;
 
 /// Which way, with its parameters.
@@ -115,54 +115,23 @@ fn inverse_ranges(ping: &DvlPing) -> Option<[f64; 4]> {
     Some(q)
 }
 
-static PARITY: Signal = Signal {
-    path: "estimator/net_plane/parity",
-    components: &[],
-    units: &["1/m"],
-    about: "q1 − q2 + q3 − q4 of the inverse ranges: zero for a plane",
-};
-static BEAMS_ACCEPTED: Signal = Signal {
-    path: "estimator/net_plane/accepted",
-    components: &["beam1", "beam2", "beam3", "beam4"],
-    units: &["flag"],
-    about: "beams that were used",
-};
-static BEAM_INNOVATION: Signal = Signal {
-    path: "estimator/net_plane/innovation",
-    components: &["beam1", "beam2", "beam3", "beam4"],
-    units: &["1/m"],
-    about: "innovation of each beam's inverse range",
-};
-
 impl Observe for PingReport {
     fn observe<P: Probe>(&self, probe: &mut P) {
-        probe.scalar(&PARITY, self.parity_per_m);
-        probe.vector(&BEAMS_ACCEPTED, &self.accepted.map(|flag| f64::from(u8::from(flag))));
-        probe.vector(&BEAM_INNOVATION, &self.innovation_per_m);
+        probe.scalar(&signal::estimator::NET_PLANE_PARITY, self.parity_per_m);
+        let accepted = self.accepted.map(|flag| f64::from(u8::from(flag)));
+        probe.vector(&signal::estimator::NET_PLANE_ACCEPTED, &accepted);
+        probe.vector(&signal::estimator::NET_PLANE_INNOVATION, &self.innovation_per_m);
     }
 }
-
-static PLANE: Signal = Signal {
-    path: "estimator/net_plane/state",
-    components: &["a_x", "a_y", "a_z"],
-    units: &["1/m"],
-    about: "inverse-range plane in body axes",
-};
-static FIT: Signal = Signal {
-    path: "estimator/net_plane/fit",
-    components: &["distance", "heading", "rejections"],
-    units: &["m", "rad", "count"],
-    about: "filtered least-squares plane, and consecutive rejections",
-};
 
 impl Observe for NetPlane {
     fn observe<P: Probe>(&self, probe: &mut P) {
         match self {
             Self::RateGated(fit) => {
                 let (distance_m, heading_rad, rejections) = fit.state();
-                probe.vector(&FIT, &[distance_m, heading_rad, f64::from(rejections)]);
+                probe.vector(&signal::estimator::NET_PLANE_FIT, &[distance_m, heading_rad, f64::from(rejections)]);
             }
-            Self::InverseRange(filter) => probe.vector(&PLANE, filter.a().as_slice()),
+            Self::InverseRange(filter) => probe.vector(&signal::estimator::NET_PLANE_STATE, filter.a().as_slice()),
         }
     }
 }

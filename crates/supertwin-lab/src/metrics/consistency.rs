@@ -4,36 +4,50 @@ use super::{NEES, NIS};
 use crate::align::Grid;
 use crate::rescore::Sample;
 use std::collections::BTreeMap;
-use supertwin_core::RunSource;
 use supertwin_core::frame::ssa;
+use supertwin_core::signal::{Component, estimator, nav, truth};
+use supertwin_core::source::Columns;
+use supertwin_core::{RunSource, Signal};
 
-pub(super) const VARIANCE: &str = "estimator/nav/variance";
-pub(super) const HEALTH: &str = "estimator/nav/health";
-const NET: &str = "estimator/nav/net";
-const VELOCITY: &str = "estimator/nav/velocity";
-const TRUE_VELOCITY: &str = "plant/truth/velocity";
-/// Signal, its width, and where its normalised squares stand, in the order of [`NIS`].
-const INNOVATIONS: [(&str, usize, usize); 6] = [
-    ("estimator/innovation/dvl", 9, 6),
-    ("estimator/innovation/dvl", 9, 7),
-    ("estimator/innovation/dvl", 9, 8),
-    ("estimator/innovation/depth", 3, 2),
-    ("estimator/innovation/heading", 3, 2),
-    ("estimator/innovation/yaw_rate", 3, 2),
+/// Normalised squares, in the order of [`NIS`].
+const SQUARES: [Component; NIS.len()] = [
+    estimator::INNOVATION_DVL.at("surge_nis"),
+    estimator::INNOVATION_DVL.at("sway_nis"),
+    estimator::INNOVATION_DVL.at("heave_nis"),
+    estimator::INNOVATION_DEPTH.at("nis"),
+    estimator::INNOVATION_HEADING.at("nis"),
+    estimator::INNOVATION_YAW_RATE.at("nis"),
 ];
+/// Variances, in the order of [`NEES`].
+const VARIANCES: [Component; NEES.len()] = [
+    nav::NET.at("distance_variance"),
+    nav::VARIANCE.at("depth"),
+    nav::VARIANCE.at("heading"),
+    nav::VARIANCE.at("surge"),
+    nav::VARIANCE.at("sway"),
+    nav::VARIANCE.at("heave"),
+    nav::VARIANCE.at("yaw"),
+];
+const NET_VALID: Component = nav::HEALTH.at("net_valid");
+const DEAD_RECKONING: Component = nav::HEALTH.at("dead_reckoning");
 
 pub(super) fn is_innovation(path: &str) -> bool {
-    INNOVATIONS.iter().any(|(innovation, ..)| *innovation == path)
+    SQUARES.iter().any(|square| square.signal.path == path)
+}
+
+/// What was recorded of `signal`, if it has all its components.
+fn whole<'a>(source: &'a impl RunSource, signal: &Signal) -> Option<&'a Columns> {
+    source.signal(signal).filter(|columns| columns.width == signal.width())
 }
 
 /// Mean normalised innovations squared of all measurements in the window.
 pub(super) fn nis(source: &impl RunSource, grid: &Grid, out: &mut BTreeMap<String, f64>) {
     let (from, to) = (grid.tick(grid.from), grid.tick(grid.to));
-    for ((path, width, column), (name, _)) in INNOVATIONS.iter().zip(NIS) {
-        let Some(columns) = source.signals().get(*path).filter(|columns| columns.width == *width) else { continue };
+    for (square, (name, _)) in SQUARES.iter().zip(NIS) {
+        let Some(columns) = whole(source, square.signal) else { continue };
         let first = columns.tick.partition_point(|tick| *tick < from);
         let last = columns.tick.partition_point(|tick| *tick < to);
-        let squares: Vec<f64> = (first..last).filter_map(|row| Some(columns.row(row)?[*column])).collect();
+        let squares: Vec<f64> = (first..last).filter_map(|row| square.of(columns.row(row)?)).collect();
         if !squares.is_empty() {
             out.insert(format!("nis.{name}"), crate::statistics::mean(&squares));
         }
@@ -53,30 +67,35 @@ pub(super) struct Consistency {
 impl Consistency {
     pub(super) fn add(&mut self, source: &impl RunSource, sample: &Sample) {
         let k = sample.tick.k as i64;
-        let row = |path: &str, width: usize| {
-            let columns = source.signals().get(path).filter(|columns| columns.width == width)?;
-            columns.at(k)
-        };
-        let health = row(HEALTH, 6);
-        if let Some(health) = health {
+        let row = |signal| whole(source, signal).and_then(|columns| columns.at(k));
+        let flag = |component: Component| row(component.signal).and_then(|health| component.of(health));
+        let net_valid = flag(NET_VALID);
+        if let Some((valid, dead_reckoning)) = net_valid.zip(flag(DEAD_RECKONING)) {
             self.moments += 1;
-            self.net_lost += u64::from(health[0] == 0.0);
-            self.dead_reckoning += u64::from(health[1] != 0.0);
+            self.net_lost += u64::from(valid == 0.0);
+            self.dead_reckoning += u64::from(dead_reckoning != 0.0);
         }
-        let (Some(variance), Some(net)) = (row(VARIANCE, 10), row(NET, 4)) else { return };
-        let (Some(velocity), Some(true_velocity)) = (row(VELOCITY, 4), row(TRUE_VELOCITY, 4)) else { return };
+        let mut variances = [0.0; NEES.len()];
+        for (variance, component) in variances.iter_mut().zip(VARIANCES) {
+            let Some(number) = row(component.signal).and_then(|row| component.of(row)) else { return };
+            *variance = number;
+        }
+        // Without a net there is no distance.
+        if net_valid.is_none_or(|valid| valid == 0.0) {
+            variances[0] = 0.0;
+        }
+        let (Some(velocity), Some(true_velocity)) = (row(&nav::VELOCITY), row(&truth::VELOCITY)) else { return };
         let (measured, truth) = (&sample.tracking.measured, &sample.tracking.truth);
-        let valid = health.is_some_and(|health| health[0] != 0.0);
         let errors = [
-            (measured[0] - truth[0], if valid { net[2] } else { 0.0 }),
-            (measured[4] - truth[4], variance[0]),
-            (ssa(measured[5] - truth[5]), variance[1]),
-            (velocity[0] - true_velocity[0], variance[2]),
-            (velocity[1] - true_velocity[1], variance[3]),
-            (velocity[2] - true_velocity[2], variance[4]),
-            (velocity[3] - true_velocity[3], variance[5]),
+            measured[0] - truth[0],
+            measured[4] - truth[4],
+            ssa(measured[5] - truth[5]),
+            velocity[0] - true_velocity[0],
+            velocity[1] - true_velocity[1],
+            velocity[2] - true_velocity[2],
+            velocity[3] - true_velocity[3],
         ];
-        for (i, (error, variance)) in errors.into_iter().enumerate() {
+        for (i, (error, variance)) in errors.into_iter().zip(variances).enumerate() {
             if variance > 0.0 {
                 self.sums[i] += error * error / variance;
                 self.counts[i] += 1;

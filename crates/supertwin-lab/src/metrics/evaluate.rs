@@ -9,6 +9,7 @@ use crate::rescore::{RescoreError, Sample, Walk};
 use crate::score::Scorer;
 use crate::statistics::mean;
 use std::collections::BTreeMap;
+use supertwin_core::axes::AXIS_NAMES;
 use supertwin_core::{Axes, Property, RunSource, Tick};
 
 /// What was found.
@@ -118,7 +119,7 @@ pub fn evaluate(source: &impl RunSource, grid: &Grid, wanted: &Selection) -> Res
     match gains {
         Some([first, last]) => {
             let growth = Axes::from(core::array::from_fn(|i| last[i] - first[i]));
-            for (name, value) in ["surge", "sway", "heave", "yaw"].into_iter().zip(growth.to_array()) {
+            for (name, value) in AXIS_NAMES.iter().zip(growth.to_array()) {
                 values.insert(format!("k1_growth.{name}"), value);
             }
         }

@@ -3,14 +3,16 @@
 use crate::align::Grid;
 use crate::statistics::quantile;
 use std::collections::BTreeMap;
+use supertwin_core::block::SERVICES;
+use supertwin_core::signal::link::{AGE, Account, DEADLINE, LOOP_TIME, MISSING, STEP_TIME, TRANSPORT};
+use supertwin_core::signal::thrust::REQUESTED;
 use supertwin_core::source::Columns;
 use supertwin_core::{Property, RunSource};
 
-const SERVICES: [&str; 4] = ["plant", "estimator", "guidance", "controller"];
+const P99: usize = STEP_TIME.at("p99");
+const MISSES: usize = DEADLINE.at("misses");
 const SENDER: &str = "sender_clock";
 const RECORDER: &str = "recorder_clock";
-/// Has a row at every tick of a recording that is scored, with both clocks.
-const EVERY_TICK: &str = "controller/thrust/requested";
 
 /// All of them that the recording has.
 pub(super) fn values(source: &impl RunSource, grid: &Grid, out: &mut BTreeMap<String, f64>) {
@@ -20,40 +22,41 @@ pub(super) fn values(source: &impl RunSource, grid: &Grid, out: &mut BTreeMap<St
             out.insert(name.to_owned(), value);
         }
     };
-    let account = |service: &str, what: &str| source.signals().get(&format!("link/{service}/{what}"));
+    let account = |service: &str, what: &Account| source.signals().get(&what.path(service));
     let most = |a: Option<f64>, b: Option<f64>| a.into_iter().chain(b).reduce(f64::max);
     let sum = |a: Option<f64>, b: Option<f64>| a.into_iter().chain(b).reduce(|a, b| a + b);
 
-    let loops: Vec<&Columns> = SERVICES.iter().filter_map(|service| account(service, "loop_time")).collect();
-    for (column, name) in ["loop_us.median", "loop_us.p99", "loop_us.max"].into_iter().enumerate() {
+    let loops: Vec<&Columns> = SERVICES.iter().filter_map(|service| account(service, &LOOP_TIME)).collect();
+    for (column, name) in LOOP_TIME.components.iter().enumerate() {
         let seconds = sorted(loops.iter().flat_map(|columns| column_of(columns, column, from, to)));
-        put(name, quantile(&seconds, if column == 2 { 1.0 } else { 0.5 }));
+        put(&format!("loop_us.{name}"), quantile(&seconds, if *name == "max" { 1.0 } else { 0.5 }));
     }
     for service in SERVICES {
-        let p99 = account(service, "step_time").map(|columns| sorted(column_of(columns, 1, from, to)));
+        let p99 = account(service, &STEP_TIME).map(|columns| sorted(column_of(columns, P99, from, to)));
         put(&format!("step_us.{service}"), p99.and_then(|p99| quantile(&p99, 1.0)));
     }
     let (mut transport, mut age, mut lost, mut missed) = (None, None, None, None);
     for service in SERVICES {
-        let greatest = |what: &str| {
+        let greatest = |what: &Account| {
             let columns = account(service, what)?;
             (0..columns.width).flat_map(|column| column_of(columns, column, from, to)).reduce(f64::max)
         };
-        transport = most(transport, greatest("transport"));
-        age = most(age, greatest("age"));
-        let grown = account(service, "missing").map(|columns| {
+        transport = most(transport, greatest(&TRANSPORT));
+        age = most(age, greatest(&AGE));
+        let grown = account(service, &MISSING).map(|columns| {
             (0..columns.width).map(|column| growth(&column_of(columns, column, from, to).collect::<Vec<_>>())).sum()
         });
         lost = sum(lost, grown);
-        let misses = account(service, "deadline");
-        missed = sum(missed, misses.map(|columns| growth(&column_of(columns, 0, from, to).collect::<Vec<_>>())));
+        let misses = account(service, &DEADLINE);
+        missed = sum(missed, misses.map(|columns| growth(&column_of(columns, MISSES, from, to).collect::<Vec<_>>())));
     }
     put("transport_ms_max", transport);
     put("input_age_ticks_max", age);
     put("messages_lost", lost);
     put("deadlines_missed", missed);
 
-    let lag = source.signals().get(EVERY_TICK).map(|columns| lag_ms(columns, from, to)).unwrap_or_default();
+    // A recording that is scored has a row of it at every tick, with both clocks.
+    let lag = source.signal(&REQUESTED).map(|columns| lag_ms(columns, from, to)).unwrap_or_default();
     put("recorder_lag_ms.median", quantile(&lag, 0.5));
     put("recorder_lag_ms.p99", quantile(&lag, 0.99));
     put("unrecorded_share", unrecorded(source));

@@ -2,12 +2,15 @@
 
 use supertwin_core::frame::ssa;
 use supertwin_core::message::Mode;
+use supertwin_core::signal::Component;
+use supertwin_core::signal::guidance::TARGET;
+use supertwin_core::signal::reference::MODE;
 use supertwin_core::source::{Columns, Label};
 use supertwin_core::{RunSource, Tick};
 
-/// Set-points before the reference models: depth and heading.
-const TARGET: &str = "guidance/target";
-const MODE: &str = "guidance/reference/mode";
+/// Set-points before the reference models.
+const DEPTH: Component = TARGET.at("depth");
+const HEADING: Component = TARGET.at("heading");
 
 /// Distance, depth, heading.
 pub(super) const NAMES: [&str; 3] = ["distance", "depth", "heading"];
@@ -21,7 +24,7 @@ const BAND_SHARE: f64 = 0.05;
 const DWELL_S: f64 = 5.0;
 
 pub(super) fn is_needed(path: &str) -> bool {
-    path == TARGET || path == MODE
+    path == TARGET.path || path == MODE.path
 }
 
 /// Set-points and responses at one moment, in the order of [`NAMES`].
@@ -42,9 +45,8 @@ pub(super) struct Targets<'a> {
 
 impl<'a> Targets<'a> {
     pub(super) fn new(source: &'a impl RunSource) -> Self {
-        let modes = source.labels().get(MODE).map_or(&[][..], Vec::as_slice);
-        let target = source.signals().get(TARGET).filter(|columns| columns.width == 2);
-        Self { modes, target, mode: 0 }
+        let target = source.signal(&TARGET).filter(|columns| columns.width == TARGET.width());
+        Self { modes: source.label(&MODE), target, mode: 0 }
     }
 
     /// At a tick, with the distance that is wanted then.
@@ -58,9 +60,9 @@ impl<'a> Targets<'a> {
         let (follows, holds) = (mode == Mode::FollowNet.name(), mode == Mode::DepthHeadingHold.name());
         [
             follows.then_some(distance_m),
-            target.filter(|_| follows || holds).map(|target| target[0]),
+            target.filter(|_| follows || holds).and_then(|target| DEPTH.of(target)),
             // While it follows, the net gives the heading.
-            target.filter(|_| holds).map(|target| target[1]),
+            target.filter(|_| holds).and_then(|target| HEADING.of(target)),
         ]
     }
 }

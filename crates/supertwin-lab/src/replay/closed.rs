@@ -17,14 +17,13 @@ use std::borrow::Cow;
 use supertwin_core::command::{Command, LinkCommand};
 use supertwin_core::message::WrenchRequest;
 use supertwin_core::run::{Properties, Severity};
+use supertwin_core::signal::{self, Component};
 use supertwin_core::source::Columns;
-use supertwin_core::{Event, OperatorLink, RunHeader, RunSink, RunSource, Wrench};
+use supertwin_core::{Event, OperatorLink, RunHeader, RunSink, RunSource, Signal, Wrench};
 use supertwin_plant::Drive;
 
-/// Path of the disturbance.
-const DISTURBANCE: &str = "estimator/nav/disturbance";
-/// Path of the depth and heading at which it was found.
-const POSE: &str = "estimator/nav/pose";
+/// The heading at which the disturbance was found.
+const HEADING: Component = signal::nav::POSE.at("heading");
 
 /// What became of a run in a closed loop.
 #[derive(Clone, Debug)]
@@ -48,7 +47,7 @@ impl Recorded<'_> {
         let row = |columns: &Columns| columns.at(tick.cast_signed()).map(<[f64]>::to_vec);
         let found = row(self.disturbance).zip(row(self.pose)).and_then(|(b, pose)| {
             let b: [f64; 4] = b.try_into().ok()?;
-            let heading_rad = *pose.get(1)?;
+            let heading_rad = HEADING.of(&pose)?;
             let usable = b.iter().chain([&heading_rad]).all(|x| x.is_finite());
             usable.then(|| Drive::from_body(&Wrench::from(b), heading_rad))
         });
@@ -79,16 +78,16 @@ impl<S: RunSource> Replay<'_, S> {
         sink: &mut impl RunSink,
         go_on: impl FnMut(u64) -> bool,
     ) -> Result<Closed, ReplayError> {
-        let columns = |path: &str, width: usize| {
-            let columns = self.source.signals().get(path).filter(|columns| columns.width == width);
+        let columns = |signal: &Signal| {
+            let columns = self.source.signal(signal).filter(|columns| columns.width == signal.width());
             columns.ok_or_else(|| {
-                let run = self.source.name();
+                let (run, path) = (self.source.name(), signal.path);
                 ReplayError::Change(format!("{run}: {path} was not recorded: a closed loop needs it"))
             })
         };
         let mut recorded = Recorded {
-            disturbance: columns(DISTURBANCE, 4)?,
-            pose: columns(POSE, 2)?,
+            disturbance: columns(&signal::nav::DISTURBANCE)?,
+            pose: columns(HEADING.signal)?,
             last: Drive::default(),
             held: 0,
         };
@@ -150,10 +149,10 @@ struct Announced<'a, S> {
 }
 
 impl<S: RunSink> supertwin_core::Probe for Announced<'_, S> {
-    fn vector(&mut self, signal: &'static supertwin_core::Signal, values: &[f64]) {
+    fn vector(&mut self, signal: &'static Signal, values: &[f64]) {
         self.sink.vector(signal, values);
     }
-    fn label(&mut self, signal: &'static supertwin_core::Signal, value: &'static str) {
+    fn label(&mut self, signal: &'static Signal, value: &'static str) {
         self.sink.label(signal, value);
     }
 }

@@ -2,12 +2,8 @@
 
 use std::any::Any;
 use std::collections::{BTreeMap, BTreeSet};
-use supertwin_core::message::{
-    DepthSample, DvlPing, HeadingSample, MAX_THRUSTERS, Measurements, Mode, Nav, NavHealth, NavVariance, NetEstimate,
-    Reference, Thrust, WrenchRequest, YawRateSample,
-};
-use supertwin_core::source::Columns;
-use supertwin_core::{Axes, BodyAcceleration, BodyVelocity, Message, RunSource, Wrench};
+use supertwin_core::message::{FromSignals, Measurements, Nav, Reference, SignalValues, Thrust, WrenchRequest};
+use supertwin_core::{Message, RunSource, Signal, signal};
 
 /// Messages of one wire: by tick, with who sent them. Two who write the same wire may have the same tick.
 #[derive(Clone, Debug)]
@@ -80,167 +76,54 @@ impl Messages {
     /// Every field of a message is a signal, with all its bits; what a message left out has no row at its tick. A beam
     /// range of zero stands for a beam that did not come back.
     pub fn rebuild(&mut self, source: &impl RunSource) -> BTreeMap<&'static str, u64> {
-        let look = Look(source);
         let mut rebuilt = BTreeMap::new();
-        let mut count = |key| *rebuilt.entry(key).or_default() += 1;
         // A plant that measured nothing at a tick sent a message all the same.
-        let measured = ["plant/truth/pose"].iter().chain(TAKEN_AT).flat_map(|path| look.ticks(path));
-        for tick in measured.collect::<BTreeSet<_>>() {
-            if !self.is_there::<Measurements>(tick)
-                && let Some(message) = look.measurements(tick)
-            {
-                self.add(tick, "", message);
-                count(Measurements::KEY);
-            }
-        }
-        for tick in look.ticks("estimator/nav/pose") {
-            if !self.is_there::<Nav>(tick)
-                && let Some(message) = look.nav(tick)
-            {
-                self.add(tick, "", message);
-                count(Nav::KEY);
-            }
-        }
-        for tick in look.ticks("guidance/reference/depth") {
-            if !self.is_there::<Reference>(tick)
-                && let Some(message) = look.reference(tick)
-            {
-                self.add(tick, "", message);
-                count(Reference::KEY);
-            }
-        }
-        for tick in look.ticks("controller/thrust/requested") {
-            if !self.is_there::<Thrust>(tick)
-                && let Some(message) = look.thrust(tick)
-            {
-                self.add(tick, "", message);
-                count(Thrust::KEY);
-            }
-        }
+        let measured = signal::measurements::SIGNALS.iter().copied().flatten().copied().chain([&signal::truth::POSE]);
+        self.rebuild_wire::<Measurements>(source, measured, &mut rebuilt);
+        self.rebuild_wire::<Nav>(source, [&signal::nav::POSE], &mut rebuilt);
+        self.rebuild_wire::<Reference>(source, [&signal::reference::DEPTH], &mut rebuilt);
+        self.rebuild_wire::<Thrust>(source, [&signal::thrust::REQUESTED], &mut rebuilt);
         rebuilt
+    }
+
+    /// One wire, at every tick at which one of `shown` has a row.
+    fn rebuild_wire<M: Message + FromSignals>(
+        &mut self,
+        source: &impl RunSource,
+        shown: impl IntoIterator<Item = &'static Signal>,
+        rebuilt: &mut BTreeMap<&'static str, u64>,
+    ) {
+        let ticks: BTreeSet<i64> = shown
+            .into_iter()
+            .filter_map(|signal| source.signal(signal))
+            .flat_map(|columns| &columns.tick)
+            .copied()
+            .collect();
+        for row in ticks {
+            let Ok(tick) = u64::try_from(row) else { continue };
+            if !self.is_there::<M>(tick)
+                && let Some(message) = M::from_signals(&At { source, tick: row })
+            {
+                self.add(tick, "", message);
+                *rebuilt.entry(M::KEY).or_default() += 1;
+            }
+        }
     }
 }
 
-/// When each sensor's part of [`Measurements`] was taken: there when the part is.
-const TAKEN_AT: &[&str] = &[
-    "plant/measurements/dvl_taken_at",
-    "plant/measurements/depth_taken_at",
-    "plant/measurements/heading_taken_at",
-    "plant/measurements/yaw_rate_taken_at",
-];
+/// What was shown at a tick.
+pub(super) struct At<'a, S> {
+    pub(super) source: &'a S,
+    pub(super) tick: i64,
+}
 
-/// Looks messages up in signals.
-struct Look<'a, S>(&'a S);
-
-impl<S: RunSource> Look<'_, S> {
-    fn ticks(&self, path: &str) -> Vec<u64> {
-        let columns = self.0.signals().get(path);
-        columns
-            .map(|columns| columns.tick.iter().filter_map(|&tick| tick.try_into().ok()).collect())
-            .unwrap_or_default()
+impl<S: RunSource> SignalValues for At<'_, S> {
+    fn numbers(&self, signal: &'static Signal) -> Option<&[f64]> {
+        self.source.signal(signal)?.at(self.tick)
     }
-
-    fn row(&self, path: &str, tick: u64) -> Option<&[f64]> {
-        self.0.signals().get(path).and_then(|columns: &Columns| columns.at(i64::try_from(tick).ok()?))
-    }
-
-    fn numbers<const N: usize>(&self, path: &str, tick: u64) -> Option<[f64; N]> {
-        self.row(path, tick)?.try_into().ok()
-    }
-
-    fn number(&self, path: &str, tick: u64) -> Option<f64> {
-        self.numbers::<1>(path, tick).map(|[number]| number)
-    }
-
-    fn measurements(&self, tick: u64) -> Option<Measurements> {
-        let both = |taken_at: &str, path: &str| Some((self.number(taken_at, tick)?, self.number(path, tick)?));
-        let gyro = both("plant/measurements/yaw_rate_taken_at", "plant/measurements/yaw_rate");
-        let dvl = self.number("plant/measurements/dvl_taken_at", tick).and_then(|taken_at_s| {
-            Some(DvlPing {
-                taken_at_s,
-                velocity_m_per_s: self.numbers("plant/measurements/dvl_velocity", tick),
-                beam_range_m: self
-                    .numbers::<4>("plant/measurements/dvl_range", tick)?
-                    .map(|range_m| (range_m != 0.0).then_some(range_m)),
-            })
-        });
-        Some(Measurements {
-            dvl,
-            depth: both("plant/measurements/depth_taken_at", "plant/measurements/depth")
-                .map(|(taken_at_s, depth_m)| DepthSample { taken_at_s, depth_m }),
-            compass: both("plant/measurements/heading_taken_at", "plant/measurements/heading")
-                .map(|(taken_at_s, heading_rad)| HeadingSample { taken_at_s, heading_rad }),
-            gyro: gyro.map(|(taken_at_s, yaw_rate_rad_per_s)| YawRateSample { taken_at_s, yaw_rate_rad_per_s }),
-        })
-    }
-
-    fn nav(&self, tick: u64) -> Option<Nav> {
-        let [depth_m, heading_rad] = self.numbers("estimator/nav/pose", tick)?;
-        let velocity: [f64; 4] = self.numbers("estimator/nav/velocity", tick)?;
-        let acceleration: [f64; 4] = self.numbers("estimator/nav/acceleration", tick)?;
-        let disturbance: [f64; 4] = self.numbers("estimator/nav/disturbance", tick)?;
-        let [depth_m2, heading_rad2, u, v, w, r, b_u, b_v, b_w, b_r] = self.numbers("estimator/nav/variance", tick)?;
-        let net: [f64; 4] = self.numbers("estimator/nav/net", tick)?;
-        let health: [f64; 6] = self.numbers("estimator/nav/health", tick)?;
-        let [valid, dead_reckoning, depth_lost, heading_lost, thrust_unknown, restarted] =
-            health.map(|flag| flag != 0.0);
-        Some(Nav {
-            depth_m,
-            heading_rad,
-            velocity: BodyVelocity::from(velocity),
-            acceleration: BodyAcceleration::from(acceleration),
-            disturbance: Wrench::from(disturbance),
-            variance: NavVariance { depth_m2, heading_rad2, velocity: [u, v, w, r], disturbance: [b_u, b_v, b_w, b_r] },
-            net: NetEstimate {
-                distance_m: net[0],
-                heading_rad: net[1],
-                distance_variance_m2: net[2],
-                heading_variance_rad2: net[3],
-                valid,
-            },
-            health: NavHealth { dead_reckoning, depth_lost, heading_lost, thrust_unknown, restarted },
-        })
-    }
-
-    fn reference(&self, tick: u64) -> Option<Reference> {
-        let labels = self.0.labels().get("guidance/reference/mode")?;
-        let at = labels.partition_point(|label| label.tick <= i64::try_from(tick).unwrap_or(i64::MAX));
-        let name = &labels.get(at.checked_sub(1)?)?.value;
-        let mode = [Mode::Neutral, Mode::DepthHeadingHold, Mode::FollowNet].into_iter().find(|m| m.name() == name)?;
-        let [surge_m_per_s, sway_m_per_s, surge_m_per_s2, sway_m_per_s2] =
-            self.numbers("guidance/reference/velocity", tick)?;
-        let [depth_m, depth_m_per_s, depth_m_per_s2] = self.numbers("guidance/reference/depth", tick)?;
-        let [heading_rad, heading_rad_per_s, heading_rad_per_s2] = self.numbers("guidance/reference/heading", tick)?;
-        let [net_distance_m, speed_m_per_s] = self.numbers("guidance/reference/setpoint", tick)?;
-        Some(Reference {
-            mode,
-            surge_m_per_s,
-            surge_m_per_s2,
-            sway_m_per_s,
-            sway_m_per_s2,
-            depth_m,
-            depth_m_per_s,
-            depth_m_per_s2,
-            heading_rad,
-            heading_rad_per_s,
-            heading_rad_per_s2,
-            net_distance_m,
-            speed_m_per_s,
-        })
-    }
-
-    fn thrust(&self, tick: u64) -> Option<Thrust> {
-        let requested: [f64; 4] = self.numbers("controller/thrust/requested", tick)?;
-        let allocated: [f64; 4] = self.numbers("controller/thrust/allocated", tick)?;
-        let limited: [f64; 4] = self.numbers("controller/thrust/limited", tick)?;
-        // A vehicle without thrusters has no such signal.
-        let force_n = self.row("controller/thrust/force", tick).unwrap_or_default();
-        Some(Thrust {
-            force_n: force_n.iter().take(MAX_THRUSTERS).copied().collect(),
-            requested: Wrench::from(requested),
-            allocated: Wrench::from(allocated),
-            limited: Axes::from(limited.map(|flag| flag != 0.0)),
-            emergency_neutral: self.number("controller/thrust/emergency_neutral", tick)? != 0.0,
-        })
+    fn label(&self, signal: &'static Signal) -> Option<&str> {
+        let changes = self.source.label(signal);
+        let next = changes.partition_point(|label| label.tick <= self.tick);
+        Some(changes.get(next.checked_sub(1)?)?.value.as_str())
     }
 }

@@ -32,7 +32,7 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use supertwin_core::digest::RunDigest;
 use supertwin_core::run::Properties;
-use supertwin_core::{Property, RunSource, Tick};
+use supertwin_core::{Property, RunSource, Tick, signal};
 use supertwin_gnc::{Controller, Estimator, Guidance};
 use supertwin_plant::Plant;
 
@@ -212,12 +212,11 @@ impl<'a, S: RunSource> Replay<'a, S> {
         if !matches!(properties.get("seed"), Some(Property::Integer(_))) {
             return Err(ReplayError::Property { run, name: "seed" });
         }
-        let path = "controller/thrust/force";
-        let expected = trial.vehicle.thruster.len();
-        let force = source.signals().get(path).filter(|columns| !columns.tick.is_empty());
+        let (signal, expected) = (&signal::thrust::FORCE, trial.vehicle.thruster.len());
+        let force = source.signal(signal).filter(|columns| !columns.tick.is_empty());
         let width = force.map_or(expected, |columns| columns.width);
         if width != expected {
-            return Err(ReplayError::OtherVehicle { run, path, width, expected });
+            return Err(ReplayError::OtherVehicle { run, path: signal.path, width, expected });
         }
         let plan = Plan::of(source, &trial, tick_s, &mut messages)?;
         for (part, service) in plan.parts.iter().zip(RING) {

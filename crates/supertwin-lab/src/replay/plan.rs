@@ -10,7 +10,7 @@ use std::collections::BTreeMap;
 use supertwin_core::command::{Command, LinkCommand, Wire as WireName};
 use supertwin_core::message::{Measurements, Nav, Reference, Thrust, WrenchRequest};
 use supertwin_core::source::Label;
-use supertwin_core::{Message, OperatorLink, RunSource, Tick};
+use supertwin_core::{Message, OperatorLink, RunSource, Signal, Tick, signal};
 
 /// The services in the order of the ring.
 pub const RING: [&str; 4] = ["plant", "estimator", "guidance", "controller"];
@@ -188,8 +188,8 @@ fn held<M: Message>(wire: &Wire<()>) -> Option<(String, Vec<u64>)> {
 }
 
 /// A signal of every block at every tick.
-const SHOWN: [&str; RING.len()] =
-    ["plant/truth/pose", "estimator/nav/pose", "guidance/reference/depth", "controller/thrust/requested"];
+static SHOWN: [&Signal; RING.len()] =
+    [&signal::truth::POSE, &signal::nav::POSE, &signal::reference::DEPTH, &signal::thrust::REQUESTED];
 
 /// The same lap as [`crate::Twin::step`], of ticks instead of messages.
 fn batch_parts(
@@ -200,7 +200,7 @@ fn batch_parts(
 ) -> [Part; RING.len()] {
     let mut parts: [Part; RING.len()] = Default::default();
     // As far as every block was recorded: what was cut off in the middle of a batch is not there of all of them.
-    let last = |path: &&str| source.signals().get(*path).and_then(|columns| columns.tick.last());
+    let last = |signal: &&Signal| source.signal(signal).and_then(|columns| columns.tick.last());
     let last = SHOWN.iter().filter_map(last).min();
     let Some(last) = last.and_then(|&last| u64::try_from(last).ok()) else { return parts };
     let mut mission = Mission::new(&trial.trial.mission, tick_s);

@@ -3,6 +3,7 @@
 
 use super::block::Played;
 use super::change::Changed;
+use super::messages::At;
 use super::plan::{Plan, RING};
 use super::track::Track;
 use super::{BlockVerdict, Replay, ReplayError};
@@ -17,7 +18,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use supertwin_core::command::Command;
 use supertwin_core::run::{Properties, Scene, Severity};
 use supertwin_core::source::{Columns, Kept, Label};
-use supertwin_core::{Event, Observe, Property, RunHeader, RunSink, RunSource, Signal, Tick};
+use supertwin_core::{Event, Observe, Property, RunHeader, RunSink, RunSource, Signal, Tick, signal};
 
 /// The result of an open-loop what-if.
 #[derive(Debug)]
@@ -254,8 +255,7 @@ impl WhatIf {
                     *row += 1;
                 }
             }
-            let at = |path: &str| self.run.signals.get(path).and_then(|columns| columns.at(k));
-            if let Some(tracking) = Tracking::from_signals(at) {
+            if let Some(tracking) = Tracking::from_signals(&At { source: &self.run, tick: k }) {
                 tracking.observe(sink);
             }
         }
@@ -281,9 +281,9 @@ impl WhatIf {
     /// Largest difference of each axis of the requested wrench to `original`, in N and N m, over ticks that both have.
     #[must_use]
     pub fn wrench_difference(&self, original: &impl RunSource) -> [f64; 4] {
-        let path = "controller/thrust/requested";
+        let signal = &signal::thrust::REQUESTED;
         let mut most = [0.0_f64; 4];
-        let (Some(new), Some(old)) = (self.run.signals.get(path), original.signals().get(path)) else { return most };
+        let (Some(new), Some(old)) = (self.run.signal(signal), original.signal(signal)) else { return most };
         for (row, tick) in new.tick.iter().enumerate() {
             let (Some(new), Some(old)) = (new.row(row), old.at(*tick)) else { continue };
             for ((most, new), old) in most.iter_mut().zip(new).zip(old) {

@@ -1,6 +1,6 @@
 //! A run that looks like a real one, made up from a few sines.
 
-use supertwin_core::observe::Signal;
+use supertwin_core::Signal;
 use supertwin_core::run::{Properties, Scene, Severity};
 use supertwin_core::{Event, RunHeader, RunSink, SinkError, Tick};
 

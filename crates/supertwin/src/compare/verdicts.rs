@@ -4,9 +4,9 @@ use super::groups::Group;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::collections::BTreeMap;
+use supertwin_core::signal::tracking::QUANTITIES;
 use supertwin_lab::metrics::{Metric, Selection};
 use supertwin_lab::paper::table_iv;
-use supertwin_lab::score::QUANTITY_NAMES;
 use supertwin_lab::statistics::{Difference, Summary, mean};
 
 /// A metric of a group.
@@ -39,7 +39,7 @@ fn row(groups: &[Group], number: usize, metric: &Metric) -> Row {
     let values = group.runs.iter().filter_map(|run| run.values.get(&metric.name)).copied();
     let paper = group.facts.paper().and_then(|column| {
         let quantity = metric.name.strip_prefix("measured.")?;
-        let at = QUANTITY_NAMES.iter().position(|name| *name == quantity)?;
+        let at = QUANTITIES.iter().position(|known| known.score == quantity)?;
         Some(table_iv(column)[at])
     });
     let mut row = Row {

@@ -10,8 +10,8 @@ use rayon::prelude::*;
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
+use supertwin_core::signal::tracking::{QUANTITIES, Quantity};
 use supertwin_lab::paper::ROWS;
-use supertwin_lab::score::QUANTITY_NAMES;
 use supertwin_lab::statistics::{self, Better, Difference, Interval, Summary, bootstrap_interval};
 use supertwin_lab::sweep::{Parameter, rank_correlation};
 
@@ -44,13 +44,13 @@ struct Chapter {
 
 fn chapters() -> [Chapter; 3] {
     let errors = |group: &str| {
-        let score = |(name, label): (&&str, &&str)| Score {
-            name: format!("{group}.{name}"),
+        let score = |(quantity, label): (&Quantity, &&str)| Score {
+            name: format!("{group}.{}", quantity.score),
             label: (*label).to_owned(),
             digits: 3,
             better: Better::Lower,
         };
-        QUANTITY_NAMES.iter().zip(ROWS.iter()).map(score).collect()
+        QUANTITIES.iter().zip(ROWS.iter()).map(score).collect()
     };
     let cost = [
         ("activity.surge", "Thrust activity surge [N/s]", 1, Better::Lower),

@@ -8,9 +8,9 @@ use super::{ASK, DESCRIBED, Run, Vehicle};
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::time::Duration;
-use supertwin_core::message::{Measurements, Message as _, Nav, Reference, Thrust};
+use supertwin_core::message::{Measurements, Message as _, Nav, Reference, SignalValues, Thrust};
 use supertwin_core::run::{FORMAT, Properties, Property, Severity};
-use supertwin_core::{Observe as _, Probe as _, RunHeader, Tick};
+use supertwin_core::{Observe as _, Probe as _, RunHeader, Signal, Tick};
 use supertwin_lab::Tracking;
 use supertwin_protocol::Shape;
 use supertwin_zenoh::Inbox;
@@ -19,6 +19,27 @@ use supertwin_zenoh::witness::RING;
 /// Ticks of a run that is not scored at its end: it would take gigabytes.
 const LONG: u64 = 1_000_000;
 const TOO_LONG: &str = "longer than a million ticks";
+
+impl Lap {
+    fn shown(&self, signal: &Signal) -> Option<&Shape> {
+        self.parts.iter().flatten().find_map(|part| part.telemetry.signals.get(signal.path))
+    }
+}
+
+impl SignalValues for Lap {
+    fn numbers(&self, signal: &'static Signal) -> Option<&[f64]> {
+        match self.shown(signal)? {
+            Shape::Numbers(values) => Some(values),
+            Shape::Label(_) => None,
+        }
+    }
+    fn label(&self, signal: &'static Signal) -> Option<&str> {
+        match self.shown(signal)? {
+            Shape::Label(label) => Some(label),
+            Shape::Numbers(_) => None,
+        }
+    }
+}
 
 impl Vehicle {
     /// Begins the recording as soon as the run is described.
@@ -113,13 +134,7 @@ impl Vehicle {
         for part in lap.parts.iter().flatten() {
             self.account.refused += show(part, &mut self.catalogue, &mut run.widths, keep);
         }
-        let signal = |path: &str| {
-            lap.parts.iter().flatten().find_map(|part| match part.telemetry.signals.get(path) {
-                Some(Shape::Numbers(values)) => Some(values.as_slice()),
-                _ => None,
-            })
-        };
-        if let Some(tracking) = Tracking::from_signals(signal) {
+        if let Some(tracking) = Tracking::from_signals(lap) {
             tracking.observe(keep);
         }
         self.account.show(&mut self.catalogue, run.laps.missing, &run.wire_missing, clocks, keep);
