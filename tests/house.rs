@@ -49,6 +49,15 @@ fn sources(folder: &Path) -> Vec<PathBuf> {
 
 #[test]
 fn crates_depend_on_each_other_only_along_the_arrows_of_the_design() {
+    const BELOW_OPERATIONS: [&str; 6] = [
+        "supertwin-core",
+        "supertwin-lab",
+        "supertwin-rerun",
+        "supertwin-protocol",
+        "supertwin-pki",
+        "supertwin-zenoh",
+    ];
+    let roof = [&BELOW_OPERATIONS[..], &["supertwin-operations"]].concat();
     let allowed: BTreeMap<&str, &[&str]> = BTreeMap::from([
         ("supertwin-core", &[][..]),
         ("supertwin-model", &["supertwin-core"][..]),
@@ -59,17 +68,8 @@ fn crates_depend_on_each_other_only_along_the_arrows_of_the_design() {
         ("supertwin-protocol", &["supertwin-core"][..]),
         ("supertwin-pki", &["supertwin-protocol"][..]),
         ("supertwin-zenoh", &["supertwin-core", "supertwin-protocol", "supertwin-pki"][..]),
-        (
-            "supertwin",
-            &[
-                "supertwin-core",
-                "supertwin-lab",
-                "supertwin-rerun",
-                "supertwin-protocol",
-                "supertwin-pki",
-                "supertwin-zenoh",
-            ][..],
-        ),
+        ("supertwin-operations", &BELOW_OPERATIONS[..]),
+        ("supertwin", &roof[..]),
     ]);
     for (name, manifest) in crates() {
         assert_eq!(manifest["package"]["name"].as_str(), Some(name.as_str()), "folder name = crate name");
@@ -98,12 +98,26 @@ fn each_outside_world_stands_in_one_manifest() {
         ("mcap", "supertwin-rerun"),
         ("clap", "supertwin"),
         ("indicatif", "supertwin"),
+        ("comfy-table", "supertwin"),
+        ("ctrlc", "supertwin"),
     ] {
         for (name, manifest) in crates() {
             let names_it = dependencies(&manifest, "dependencies").iter().any(|dependency| dependency == outside);
             assert!(!names_it || name == home, "{outside} belongs to {home}, not to {name}");
         }
     }
+}
+
+#[test]
+fn the_operations_know_no_terminal() {
+    let folder = root().join("crates/supertwin-operations/src");
+    for path in sources(&folder) {
+        let text = fs::read_to_string(&path).unwrap();
+        for word in ["io::stdout", "io::stderr", "IsTerminal", "process::exit", "ExitCode", "set_handler"] {
+            assert!(!text.contains(word), "{}: {word} belongs to the command line", path.display());
+        }
+    }
+    assert!(folder.join("lib.rs").is_file());
 }
 
 #[test]

@@ -1,0 +1,301 @@
+//! From files to evaluated runs: what each is, where its window lies, its metrics; all cores read.
+
+use super::Unusable;
+use super::files::Files;
+use super::groups::{self, Facts, Group, Member};
+use crate::{OperationError, Progress};
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use supertwin_core::Property;
+use supertwin_core::run::{FORMAT, Properties};
+use supertwin_lab::align::{Alignment, Grid, Window, WindowArgument};
+use supertwin_lab::metrics::{Evaluated, Selection, evaluate};
+use supertwin_rerun::{ReadError, Recording, read_selected};
+
+/// A run of which less than this share of the window was recorded is not compared.
+const LEAST_COVERAGE: f64 = 0.9;
+/// Shows where a recording ends that does not say how long its run was to be.
+const SHORT_SIGNAL: &str = "guidance/reference/setpoint";
+
+/// What is wanted of every run.
+pub(super) struct Ask<'a> {
+    pub(super) align: &'a Alignment,
+    /// `None`: each run is looked at where its own trial scores it.
+    pub(super) window: Option<WindowArgument>,
+    pub(super) selection: &'a Selection,
+    pub(super) each: bool,
+}
+
+/// What was found.
+pub(super) struct Gathered {
+    /// The first is the baseline.
+    pub(super) groups: Vec<Group>,
+    pub(super) unusable: Vec<Unusable>,
+    pub(super) warnings: Vec<String>,
+    pub(super) tick_s: f64,
+}
+
+/// A recording before its signals are read.
+struct Found {
+    file: PathBuf,
+    name: String,
+    facts: Facts,
+    seed: Option<u64>,
+    hash: Option<String>,
+    tick_s: f64,
+    /// Time zero.
+    origin: i64,
+    /// What it would be compared over if it were alone.
+    window: Window,
+    warnings: Vec<String>,
+}
+
+/// Reads and evaluates all of them.
+pub(super) fn gather(files: &Files, ask: &Ask<'_>, progress: &dyn Progress) -> Result<Gathered, OperationError> {
+    progress.begin("recordings", 2 * files.paths.len() as u64);
+    let looked: Vec<Result<Option<Found>, Unusable>> = files
+        .paths
+        .par_iter()
+        .map(|path| {
+            let found = look(path, ask);
+            progress.advance(1);
+            found.map_err(|reason| Unusable { file: path.clone(), reason })
+        })
+        .collect();
+    let mut unusable = Vec::new();
+    let mut found = Vec::new();
+    let mut warnings = Vec::new();
+    for (result, path) in looked.into_iter().zip(&files.paths) {
+        match result {
+            Ok(Some(run)) => found.push(run),
+            // Made by an earlier call, perhaps in the same folder.
+            Ok(None) => warnings.push(format!("{}: a comparison, not a recording of a run; left out", path.display())),
+            Err(reason) => unusable.push(reason),
+        }
+    }
+    if let Some(baseline) = &files.baseline
+        && !found.iter().any(|run| files.is_baseline(&run.file))
+    {
+        let reason = unusable.iter().find(|unusable| baseline.contains(&unusable.file));
+        return Err(OperationError::Path {
+            path: baseline.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(", "),
+            cause: format!("can't be the baseline: {}", reason.map_or("no such run", |unusable| &unusable.reason)),
+        });
+    }
+    let found = of_one_vehicle(found, files, &mut unusable);
+    let found = without_doubles(found, &mut warnings);
+    let own = ask.window.is_none() && *ask.align == Alignment::Start;
+    let common = common(&found, ask.window.unwrap_or_default());
+    let (Some(tick_s), Some(common)) = (coarsest(&found), common) else {
+        unusable.extend(found.into_iter().map(|run| Unusable {
+            reason: format!("nothing of it is in the window: it ends {:.2} s from time zero", run.window.to_s),
+            file: run.file,
+        }));
+        return Err(nothing(&unusable));
+    };
+
+    let evaluated: Vec<Result<(Found, Evaluated), Unusable>> = found
+        .into_par_iter()
+        .map(|run| {
+            let window = if own { run.window } else { common };
+            let evaluated = look_closer(&run, window, tick_s, ask.selection);
+            progress.advance(1);
+            match evaluated {
+                Ok(evaluated) => Ok((Found { window, ..run }, evaluated)),
+                Err(reason) => Err(Unusable { file: run.file, reason }),
+            }
+        })
+        .collect();
+    progress.end();
+    let mut groups: Vec<Group> = Vec::new();
+    let mut baseline = None;
+    for result in evaluated {
+        let (run, Evaluated { values, moments, missing }) = match result {
+            Ok(done) => done,
+            Err(reason) => {
+                unusable.push(reason);
+                continue;
+            }
+        };
+        let shown = run.file.display();
+        warnings.extend(run.warnings.iter().map(|warning| format!("{shown}: {warning}")));
+        if missing > 0 {
+            warnings
+                .push(format!("{shown}: {missing} of {} moments of the window were not recorded", moments + missing));
+        }
+        if (run.tick_s / tick_s - 1.0).abs() > 1e-9 {
+            let (own, coarse) = (run.tick_s, tick_s);
+            warnings.push(format!("{shown}: its ticks of {own} s are looked at every {coarse} s (zero-order hold)"));
+        }
+        let is_baseline = files.is_baseline(&run.file);
+        let zero_s = run.origin as f64 * run.tick_s;
+        let (seed, window) = (run.seed, run.window);
+        let member = Member { file: run.file, name: run.name, seed, window, values, moments, missing, zero_s };
+        let at = groups.iter().position(|group| !ask.each && group.facts == run.facts).unwrap_or_else(|| {
+            groups.push(Group { name: String::new(), facts: run.facts, runs: Vec::new() });
+            groups.len() - 1
+        });
+        if is_baseline && baseline.is_none() {
+            baseline = Some(at);
+        }
+        groups[at].runs.push(member);
+    }
+    if groups.is_empty() {
+        return Err(nothing(&unusable));
+    }
+    if baseline.is_none() && files.baseline.is_some() {
+        let cause = "nothing of the baseline can be compared".to_owned();
+        let reasons = unusable.iter().map(|unusable| format!("\n  {}: {}", unusable.file.display(), unusable.reason));
+        return Err(OperationError::Option(cause + &reasons.collect::<String>()));
+    }
+    for group in &mut groups {
+        group.runs.sort_by_key(|run| run.seed);
+    }
+    // What the others are held against comes first.
+    groups[..=baseline.unwrap_or(0)].rotate_right(1);
+    groups::name(&mut groups, ask.each);
+    Ok(Gathered { groups, unusable, warnings, tick_s })
+}
+
+/// There is nothing to compare: every reason.
+fn nothing(unusable: &[Unusable]) -> OperationError {
+    let reasons = unusable.iter().map(|unusable| format!("\n  {}: {}", unusable.file.display(), unusable.reason));
+    OperationError::Option(format!("none of these runs can be compared{}", reasons.collect::<String>()))
+}
+
+/// A recording with what is wanted of it.
+fn read(path: &Path, wanted: &dyn Fn(&str) -> bool) -> Result<Recording, String> {
+    read_selected(path, wanted).map_err(|error| reason(path, &error))
+}
+
+/// The file's name is not repeated.
+fn reason(path: &Path, error: &ReadError) -> String {
+    let text = error.to_string();
+    text.strip_prefix(&format!("{}: ", path.display())).unwrap_or(&text).to_owned()
+}
+
+/// What a recording is; `None` when it is several runs side by side.
+fn look(path: &Path, ask: &Ask<'_>) -> Result<Option<Found>, String> {
+    let recording = match read_selected(path, &|path| ask.align.is_needed(path)) {
+        Err(ReadError::Comparison { .. }) => return Ok(None),
+        other => other.map_err(|error| reason(path, &error))?,
+    };
+    let empty = Properties::new();
+    let run = recording.properties.get("run").unwrap_or(&empty);
+    let result = recording.properties.get("result").unwrap_or(&empty);
+    let number = |name: &str| match run.get(name) {
+        Some(Property::Number(number)) => Some(*number),
+        _ => None,
+    };
+    if let Some(Property::Integer(format)) = run.get("format")
+        && *format < FORMAT
+    {
+        return Err(format!("format = {format}: must be {FORMAT}; an older supertwin wrote this"));
+    }
+    if let Some(Property::Text(error)) = result.get("error") {
+        return Err(format!("the run ended with an error: {error}"));
+    }
+    let facts = Facts::new(run)?;
+    let tick_s = number("tick_s").filter(|tick_s| *tick_s > 0.0).ok_or("property tick_s is not there")?;
+    let origin = ask.align.find(&recording)?;
+    let zero_s = origin as f64 * tick_s;
+    let ends_s = match number("duration_s") {
+        Some(duration_s) => duration_s,
+        None => {
+            let signal = read(path, &|path| path == SHORT_SIGNAL)?;
+            signal.last_tick().map_or(0.0, |last| (last + 1) as f64 * tick_s)
+        }
+    };
+    let from_s = if *ask.align == Alignment::Start { number("score_from_s").unwrap_or(0.0) } else { 0.0 };
+    let mut warnings: Vec<String> = recording.damage.iter().take(2).map(|damage| damage.problem.clone()).collect();
+    if result.get("complete") == Some(&Property::Integer(0)) {
+        warnings.push("the run was stopped before its end".to_owned());
+    }
+    let seed = match run.get("seed") {
+        Some(Property::Integer(seed)) => Some(*seed),
+        _ => None,
+    };
+    let hash = match result.get("hash") {
+        Some(Property::Text(hash)) => Some(hash.clone()),
+        _ => None,
+    };
+    Ok(Some(Found {
+        file: path.to_owned(),
+        name: recording.name.clone(),
+        facts,
+        seed,
+        hash,
+        tick_s,
+        origin,
+        window: Window { from_s, to_s: ends_s - zero_s },
+        warnings,
+    }))
+}
+
+fn look_closer(run: &Found, window: Window, tick_s: f64, selection: &Selection) -> Result<Evaluated, String> {
+    let recording = read(&run.file, &|path| selection.is_needed(path))?;
+    let grid = Grid::new(run.origin, run.tick_s, window, tick_s);
+    let evaluated = evaluate(&recording, &grid, selection).map_err(|error| {
+        let text = error.to_string();
+        text.strip_prefix(&format!("{}: ", recording.name)).unwrap_or(&text).to_owned()
+    })?;
+    if evaluated.coverage() < LEAST_COVERAGE {
+        return Err(format!(
+            "only {:.2} of {:.2} s of the window were recorded; name a shorter one with --window",
+            evaluated.moments as f64 * tick_s,
+            grid.len() as f64 * tick_s
+        ));
+    }
+    Ok(evaluated)
+}
+
+/// Errors of different vehicles have nothing to do with each other: the baseline's vehicle counts, or the one that most
+/// runs have.
+fn of_one_vehicle(found: Vec<Found>, files: &Files, unusable: &mut Vec<Unusable>) -> Vec<Found> {
+    let mut counts = BTreeMap::<&str, usize>::new();
+    found.iter().for_each(|run| *counts.entry(run.facts.vehicle.as_str()).or_default() += 1);
+    let most = found.iter().map(|run| run.facts.vehicle.as_str()).rev().max_by_key(|vehicle| counts[vehicle]);
+    let baseline = found.iter().find(|run| files.is_baseline(&run.file));
+    let Some(vehicle) = baseline.map(|run| run.facts.vehicle.as_str()).or(most).map(str::to_owned) else {
+        return found;
+    };
+    let (same, other): (Vec<Found>, Vec<Found>) = found.into_iter().partition(|run| run.facts.vehicle == vehicle);
+    unusable.extend(other.into_iter().map(|run| Unusable {
+        reason: format!("vehicle = {:?}: the others have {vehicle:?}", run.facts.vehicle),
+        file: run.file,
+    }));
+    same
+}
+
+/// Two recordings with the same configuration, seed and state hash are the same run.
+fn without_doubles(found: Vec<Found>, warnings: &mut Vec<String>) -> Vec<Found> {
+    let mut kept: Vec<Found> = Vec::with_capacity(found.len());
+    let mut first = BTreeMap::<(u64, String), PathBuf>::new();
+    for run in found {
+        if let (Some(seed), Some(hash)) = (run.seed, &run.hash) {
+            // The hash covers every signal at every tick; only equal configurations are one group anyway.
+            let key = (seed, format!("{hash} {}", run.facts.place()));
+            if let Some(same) = first.get(&key) {
+                warnings.push(format!("{}: the same run as {}; counted once", run.file.display(), same.display()));
+                continue;
+            }
+            first.insert(key, run.file.clone());
+        }
+        kept.push(run);
+    }
+    kept
+}
+
+fn coarsest(found: &[Found]) -> Option<f64> {
+    found.iter().map(|run| run.tick_s).reduce(f64::max)
+}
+
+/// As asked for, the rest as the runs have it in common.
+fn common(found: &[Found], asked: WindowArgument) -> Option<Window> {
+    let own = |run: &Found| Window {
+        from_s: asked.from_s.unwrap_or(run.window.from_s),
+        to_s: asked.to_s.unwrap_or(run.window.to_s),
+    };
+    Window::common(found.iter().map(own))
+}

@@ -1,0 +1,240 @@
+//! Trials × controllers × seeds in this process, recorded and scored.
+
+use crate::placement::provenance;
+use crate::{OperationError, Progress, Stopwatch};
+use rayon::prelude::*;
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use supertwin_core::observe::Both;
+use supertwin_core::{Event, NoSink, RunSink};
+use supertwin_lab::run::run_name;
+use supertwin_lab::{ResolvedTrial, RunError, RunOutcome, Scores};
+use supertwin_rerun::{Live, Options, RerunSink};
+
+/// What is run, and what is kept.
+#[derive(Clone, Debug)]
+pub struct RunOptions {
+    /// Seed instead of the trials' own.
+    pub seed: Option<u64>,
+    /// Runs of each trial, with seeds that count up.
+    pub seeds: u64,
+    /// Recordings are kept.
+    pub record: bool,
+    /// Folder for them; `None`: a new numbered folder in `runs`.
+    pub folder: Option<PathBuf>,
+    /// Recordings that exist are replaced.
+    pub force: bool,
+    /// Recordings are smaller, and take longer.
+    pub compress: bool,
+    /// Runs at the same time; 0: one per core.
+    pub jobs: usize,
+}
+
+/// One run to be done.
+struct Job {
+    trial: ResolvedTrial,
+    seed: u64,
+    recording: Option<PathBuf>,
+}
+
+/// One run that was done.
+#[derive(Debug, Serialize)]
+pub struct FinishedRun {
+    /// Its trial.
+    pub trial: String,
+    /// Its controller.
+    pub controller: String,
+    /// Its seed.
+    pub seed: u64,
+    /// State hash.
+    pub hash: String,
+    /// Ticks that it took.
+    pub ticks: u64,
+    /// It came to its end.
+    pub complete: bool,
+    /// Warnings among its events.
+    pub warnings: u64,
+    /// Commands that were refused.
+    pub refused: Vec<Event>,
+    /// Seconds that it took.
+    pub wall_s: f64,
+    /// Simulated seconds per second.
+    pub real_time_factor: f64,
+    /// Its recording.
+    pub recording: Option<PathBuf>,
+    /// Its scores.
+    pub scores: Scores,
+    /// Length of a tick in simulated seconds.
+    #[serde(skip)]
+    pub tick_s: f64,
+    /// Column of the paper's table that it repeats.
+    #[serde(skip)]
+    pub paper: Option<supertwin_lab::paper::PaperColumn>,
+}
+
+/// What came of all runs.
+#[derive(Debug)]
+pub struct Finished {
+    /// Those that were begun and did not fail.
+    pub runs: Vec<FinishedRun>,
+    /// Why others failed.
+    pub failures: Vec<OperationError>,
+    /// How many were to be done.
+    pub planned: usize,
+    /// Seconds that all of them took.
+    pub wall_s: f64,
+}
+
+/// Does the runs on all cores, into recordings and a live view, if there is one. Ends early when `stop` is set.
+///
+/// # Errors
+/// An option is wrong, or the folder can't be used; a run that fails is in the result.
+pub fn run(
+    trials: Vec<ResolvedTrial>,
+    options: &RunOptions,
+    live: Option<&Live>,
+    stop: &AtomicBool,
+    progress: &dyn Progress,
+) -> Result<Finished, OperationError> {
+    let mut jobs = jobs(options, trials)?;
+    if options.record {
+        let folder = create_folder(options.folder.as_deref())?;
+        for job in &mut jobs {
+            let path = folder.join(format!("{}.rrd", run_name(&job.trial, job.seed)));
+            if path.exists() && !options.force {
+                return Err(OperationError::at(&path, &"exists already; use --force to replace it, or another --out"));
+            }
+            job.recording = Some(path);
+        }
+    }
+    let sink = Options { overwrite: options.force, compress: options.compress, ..Options::default() };
+    progress.begin(&format!("{} runs", jobs.len()), jobs.iter().map(|job| job.trial.ticks()).sum());
+    let clock = Stopwatch::start();
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(options.jobs)
+        .build()
+        .map_err(|cause| OperationError::Option(format!("threads: {cause}")))?;
+    let results: Vec<Result<Option<FinishedRun>, OperationError>> =
+        pool.install(|| jobs.par_iter().map(|job| one(job, &sink, live, stop, progress)).collect());
+    progress.end();
+    let mut finished =
+        Finished { runs: Vec::new(), failures: Vec::new(), planned: jobs.len(), wall_s: clock.elapsed_s() };
+    for result in results {
+        match result {
+            Ok(run) => finished.runs.extend(run),
+            Err(failure) => finished.failures.push(failure),
+        }
+    }
+    Ok(finished)
+}
+
+fn jobs(options: &RunOptions, trials: Vec<ResolvedTrial>) -> Result<Vec<Job>, OperationError> {
+    let mut jobs: Vec<Job> = Vec::new();
+    for trial in trials {
+        let first = options.seed.unwrap_or(trial.trial.seed);
+        let last = first.checked_add(options.seeds.max(1) - 1);
+        let last =
+            last.ok_or_else(|| OperationError::Option(format!("seeds from {first} on: there are not that many")))?;
+        for seed in first..=last {
+            let name = run_name(&trial, seed);
+            if jobs.iter().any(|job| job.seed == seed && run_name(&job.trial, job.seed) == name) {
+                return Err(OperationError::Option(format!("run {name} is asked for twice: name every trial once")));
+            }
+            jobs.push(Job { trial: trial.clone(), seed, recording: None });
+        }
+    }
+    Ok(jobs)
+}
+
+/// The folder asked for, or the first free `runs/NNNN`.
+fn create_folder(out: Option<&Path>) -> Result<PathBuf, OperationError> {
+    let wrong = |path: &Path, cause: &std::io::Error| OperationError::Path {
+        path: path.display().to_string(),
+        cause: format!("can't create the folder for recordings: {cause}"),
+    };
+    if let Some(out) = out {
+        std::fs::create_dir_all(out).map_err(|cause| wrong(out, &cause))?;
+        return Ok(out.to_owned());
+    }
+    let root = Path::new("runs");
+    std::fs::create_dir_all(root).map_err(|cause| wrong(root, &cause))?;
+    for number in 1..=9999 {
+        let folder = root.join(format!("{number:04}"));
+        match std::fs::create_dir(&folder) {
+            Ok(()) => return Ok(folder),
+            Err(cause) if cause.kind() == std::io::ErrorKind::AlreadyExists => {}
+            Err(cause) => return Err(wrong(&folder, &cause)),
+        }
+    }
+    Err(OperationError::Path { path: "runs".to_owned(), cause: "9999 folders are there already; use --out".to_owned() })
+}
+
+/// Ticks in a batch of the live view: runs are much faster than real time.
+const LIVE_BATCH: usize = 1000;
+
+fn one(
+    job: &Job,
+    options: &Options,
+    live: Option<&Live>,
+    stop: &AtomicBool,
+    progress: &dyn Progress,
+) -> Result<Option<FinishedRun>, OperationError> {
+    if stop.load(Ordering::Relaxed) {
+        return Ok(None);
+    }
+    let name = run_name(&job.trial, job.seed);
+    let clock = Stopwatch::start();
+    let outcome = match &job.recording {
+        Some(path) => {
+            RerunSink::create(path, options.clone()).map_err(RunError::from).and_then(|mut sink| match live {
+                None => watched(job, &mut sink, true, stop, progress),
+                Some(live) => {
+                    let mut view = RerunSink::live(live, LIVE_BATCH);
+                    watched(job, &mut Both(&mut sink, &mut view), true, stop, progress)
+                }
+            })
+        }
+        None => match live {
+            None => watched(job, &mut NoSink, false, stop, progress),
+            Some(live) => watched(job, &mut RerunSink::live(live, LIVE_BATCH), true, stop, progress),
+        },
+    };
+    let outcome = outcome.map_err(|cause| OperationError::Run { name, cause })?;
+    let wall_s = clock.elapsed_s();
+    let simulated_s = outcome.ticks as f64 * job.trial.trial.tick_s.get();
+    Ok(Some(FinishedRun {
+        trial: job.trial.name.clone(),
+        controller: job.trial.controller_name.clone(),
+        seed: job.seed,
+        hash: outcome.digest.to_string(),
+        ticks: outcome.ticks,
+        complete: outcome.complete,
+        warnings: outcome.warnings,
+        refused: outcome.refused,
+        wall_s,
+        real_time_factor: simulated_s / wall_s,
+        recording: job.recording.clone(),
+        scores: outcome.scores,
+        tick_s: job.trial.trial.tick_s.get(),
+        paper: job.trial.trial.paper_column,
+    }))
+}
+
+fn watched<S: RunSink>(
+    job: &Job,
+    sink: &mut S,
+    recording: bool,
+    stop: &AtomicBool,
+    progress: &dyn Progress,
+) -> Result<RunOutcome, RunError> {
+    let provenance = provenance();
+    let mut shown = 0;
+    let outcome = supertwin_lab::run(&job.trial, job.seed, sink, recording.then_some(&provenance), |ticks| {
+        progress.advance(ticks - shown);
+        shown = ticks;
+        !stop.load(Ordering::Relaxed)
+    });
+    progress.advance(job.trial.ticks() - shown);
+    outcome
+}

@@ -1,0 +1,621 @@
+//! The report of a sweep: means with their intervals, paired differences, who is best, what a parameter does.
+
+use super::figures::{self, IntervalPanel, IntervalRow, ScatterPanel, Series};
+use super::row::{self, Row};
+use super::{Prepared, TABLE, program, verdicts};
+use crate::OperationError;
+use rayon::prelude::*;
+use serde::Serialize;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+use supertwin_core::signal::tracking::{QUANTITIES, Quantity};
+use supertwin_lab::paper::ROWS;
+use supertwin_lab::statistics::{self, Better, Difference, Interval, Summary, bootstrap_interval};
+use supertwin_lab::sweep::{Parameter, rank_correlation};
+
+/// The file.
+pub(super) const FILE: &str = "report.md";
+/// Folder of its figures.
+const FIGURES: &str = "figures";
+/// Configurations of a trial that are shown; the table has all.
+const SHOWN: usize = 60;
+/// Grid points at which controllers are compared.
+const COMPARED: usize = 12;
+/// Invalid runs that are listed.
+const LISTED: usize = 50;
+
+/// A score of the report.
+struct Score {
+    name: String,
+    label: String,
+    digits: usize,
+    better: Better,
+}
+
+/// Groups of scores, each a table and a figure.
+struct Chapter {
+    title: &'static str,
+    /// Of its figure's file.
+    short: &'static str,
+    scores: Vec<Score>,
+}
+
+fn chapters() -> [Chapter; 3] {
+    let errors = |group: &str| {
+        let score = |(quantity, label): (&Quantity, &&str)| Score {
+            name: format!("{group}.{}", quantity.score),
+            label: (*label).to_owned(),
+            digits: 3,
+            better: Better::Lower,
+        };
+        QUANTITIES.iter().zip(ROWS.iter()).map(score).collect()
+    };
+    let cost = [
+        ("activity.surge", "Thrust activity surge [N/s]", 1, Better::Lower),
+        ("activity.sway", "Thrust activity sway [N/s]", 1, Better::Lower),
+        ("activity.heave", "Thrust activity heave [N/s]", 1, Better::Lower),
+        ("activity.yaw", "Thrust activity yaw [N m/s]", 2, Better::Lower),
+        ("sway_bias_in_travel_direction_m_per_s", "Sway bias in travel [m/s]", 3, Better::NearestTo(0.0)),
+        ("k1_end.heave", "k1 heave at the end", 1, Better::Neither),
+    ];
+    let cost = cost.map(|(name, label, digits, better)| Score {
+        name: name.to_owned(),
+        label: label.to_owned(),
+        digits,
+        better,
+    });
+    [
+        Chapter { title: "Root-mean-square errors, measured", short: "measured", scores: errors("measured") },
+        Chapter { title: "Root-mean-square errors, true", short: "true", scores: errors("true") },
+        Chapter { title: "What it cost", short: "cost", scores: cost.into() },
+    ]
+}
+
+/// Runs that differ in seeds and samples only.
+struct Group<'a> {
+    trial: &'a str,
+    controller: &'a str,
+    grid: usize,
+    /// Per parameter of the grid its value, if it concerns the controller.
+    values: Vec<Option<&'a toml::Value>>,
+    /// By sample and seed.
+    rows: BTreeMap<(usize, u64), &'a Row>,
+}
+
+impl Group<'_> {
+    fn values(&self, score: &str) -> Vec<f64> {
+        self.rows.values().filter_map(|row| row.scores.get(score).copied()).collect()
+    }
+
+    /// `agsta, hs = 0.3`
+    fn label(&self, parameters: &[&Parameter]) -> String {
+        let mut label = self.controller.to_owned();
+        for (parameter, value) in parameters.iter().zip(&self.values) {
+            if let Some(value) = value {
+                label += &format!(", {} = {}", last(&parameter.name), row::said(value));
+            }
+        }
+        label
+    }
+}
+
+/// The last word of a path.
+fn last(name: &str) -> &str {
+    name.rsplit('.').next().unwrap_or(name)
+}
+
+/// Parameters of the grid that change anything.
+fn grid(prepared: &Prepared) -> Vec<(usize, &Parameter)> {
+    let parameters = prepared.sweep.parameters.iter().enumerate();
+    parameters.filter(|(_, parameter)| !parameter.sampled && parameter.values.len() > 1).collect()
+}
+
+fn groups<'a>(prepared: &'a Prepared, rows: &'a [Row]) -> Vec<Group<'a>> {
+    let grid = grid(prepared);
+    let mut places: BTreeMap<(&str, usize, &str), usize> = BTreeMap::new();
+    let mut groups: Vec<Group<'a>> = Vec::new();
+    for row in rows {
+        let planned = &prepared.plan.runs[row.run];
+        let one = &prepared.plan.configurations[planned.configuration];
+        let (trial, controller) = (one.trial.name.as_str(), one.trial.controller_name.as_str());
+        let place = *places.entry((trial, one.grid, controller)).or_insert_with(|| {
+            let values = grid.iter().map(|(i, _)| one.values[*i].as_ref()).collect();
+            groups.push(Group { trial, controller, grid: one.grid, values, rows: BTreeMap::new() });
+            groups.len() - 1
+        });
+        groups[place].rows.insert((one.sample, planned.seed), row);
+    }
+    groups
+}
+
+/// Mean and interval of a score.
+#[derive(Serialize)]
+struct Estimate {
+    #[serde(flatten)]
+    summary: Summary,
+    /// Of the mean, by bootstrap.
+    interval: Option<Interval>,
+}
+
+fn estimate(group: &Group<'_>, score: &str) -> Option<Estimate> {
+    let values = group.values(score);
+    let name = format!("{} {} {} {score}", group.trial, group.grid, group.controller);
+    Some(Estimate { summary: Summary::of(values.iter().copied())?, interval: bootstrap_interval(&values, &name) })
+}
+
+/// Runs with the same controller at the same point, for `--json`.
+#[derive(Serialize)]
+pub struct Configured {
+    trial: String,
+    controller: String,
+    grid: usize,
+    parameters: BTreeMap<String, toml::Value>,
+    runs: usize,
+    scores: BTreeMap<String, Estimate>,
+}
+
+/// Means and intervals of every configuration.
+pub(super) fn summaries(prepared: &Prepared, rows: &[Row]) -> Vec<Configured> {
+    let grid = grid(prepared);
+    let chapters = chapters();
+    let summary = |group: &Group<'_>| Configured {
+        trial: group.trial.to_owned(),
+        controller: group.controller.to_owned(),
+        grid: group.grid,
+        parameters: grid
+            .iter()
+            .zip(&group.values)
+            .filter_map(|((_, parameter), value)| Some((parameter.name.clone(), (*value)?.clone())))
+            .collect(),
+        runs: group.rows.len(),
+        scores: chapters
+            .iter()
+            .flat_map(|chapter| &chapter.scores)
+            .filter_map(|score| Some((score.name.clone(), estimate(group, &score.name)?)))
+            .collect(),
+    };
+    groups(prepared, rows).par_iter().map(summary).collect()
+}
+
+/// Writes report and figures; what is there is replaced.
+pub(super) fn write(prepared: &Prepared, rows: &[Row], folder: &Path) -> Result<(), OperationError> {
+    let figures = folder.join(FIGURES);
+    std::fs::create_dir_all(&figures).map_err(|cause| OperationError::at(&figures, &cause))?;
+    let mut report = Report { text: String::new(), figures: BTreeMap::new() };
+    report.head(prepared, rows);
+    let groups = groups(prepared, rows);
+    let mut seen = BTreeSet::new();
+    for group in &groups {
+        if seen.insert(group.trial) {
+            let of_trial: Vec<&Group<'_>> = groups.iter().filter(|other| other.trial == group.trial).collect();
+            report.trial(prepared, group.trial, &of_trial).map_err(OperationError::Option)?;
+        }
+    }
+    report.rest(prepared, rows);
+    for (name, svg) in &report.figures {
+        let path = figures.join(name);
+        std::fs::write(&path, svg).map_err(|cause| OperationError::at(&path, &cause))?;
+    }
+    // The text comes last, whole or not at all: where it is, the figures are.
+    let path = folder.join(FILE);
+    let unfinished = folder.join(format!("{FILE}.unfinished"));
+    std::fs::write(&unfinished, &report.text)
+        .and_then(|()| std::fs::rename(&unfinished, &path))
+        .map_err(|cause| OperationError::at(&path, &cause))
+}
+
+struct Report {
+    text: String,
+    /// By file name.
+    figures: BTreeMap<String, String>,
+}
+
+impl Report {
+    fn say(&mut self, paragraph: &str) {
+        self.text += paragraph;
+        self.text += "\n\n";
+    }
+
+    fn table(&mut self, header: Vec<String>, rows: Vec<Vec<String>>) {
+        self.say(&markdown_table(header, rows));
+    }
+
+    fn figure(&mut self, name: &str, about: &str, svg: String) {
+        let file = format!("{}.svg", name.replace(|c: char| !c.is_ascii_alphanumeric() && c != '-' && c != '_', "-"));
+        self.say(&format!("![{about}]({FIGURES}/{file})"));
+        self.figures.insert(file, svg);
+    }
+
+    fn head(&mut self, prepared: &Prepared, rows: &[Row]) {
+        let sweep = &prepared.sweep;
+        self.say(&format!("# Sweep {}", sweep.name));
+        self.say(sweep.description.trim());
+        let verdicts: Vec<String> = verdicts(rows).into_iter().map(|(name, count)| format!("{count} {name}")).collect();
+        let seeds = match (sweep.seed_per_sample, &sweep.seeds[..]) {
+            (true, [first, ..]) => format!("a seed per sample from {first} on"),
+            (_, [only]) => format!("seed {only}"),
+            (_, seeds) => format!("{} seeds, {} to {}", seeds.len(), seeds[0], seeds[seeds.len() - 1]),
+        };
+        self.say(&format!(
+            "{} run{}: {}. Trials {}; {seeds}. Made by supertwin {} with the plan `{}`; a row per run is in `{TABLE}.parquet`.",
+            rows.len(),
+            if rows.len() == 1 { "" } else { "s" },
+            verdicts.join(", "),
+            sweep.trials.join(", "),
+            program(),
+            &prepared.fingerprint[..16],
+        ));
+        if !sweep.parameters.is_empty() {
+            let rows = sweep.parameters.iter().map(|parameter| {
+                let numbers: Vec<f64> = parameter.values.iter().filter_map(row::number).collect();
+                let least = numbers.iter().copied().fold(f64::INFINITY, f64::min);
+                let most = numbers.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+                let values = match (parameter.sampled, parameter.values.len()) {
+                    (true, n) => format!("{n} samples, {least:.4} to {most:.4}"),
+                    (false, n) if n > 12 => format!("{n} values, {least} to {most}"),
+                    _ => parameter.values.iter().map(row::said).collect::<Vec<_>>().join(", "),
+                };
+                let times = if parameter.times { "times what the file says" } else { "" };
+                vec![parameter.name.clone(), parameter.places.join(", "), values, times.to_owned()]
+            });
+            let rows = rows.collect();
+            self.table(["Parameter", "Replaces", "Values", ""].map(str::to_owned).into(), rows);
+        }
+        self.say(&format!(
+            "Numbers in brackets are {:.0} % intervals of the mean, by bootstrap over the runs of a configuration. \
+             Differences are taken run by run, between runs with the same seed and sample, which meet the same sea, \
+             sensors and faults.",
+            100.0 * statistics::CONFIDENCE
+        ));
+    }
+
+    fn trial(&mut self, prepared: &Prepared, trial: &str, groups: &[&Group<'_>]) -> Result<(), String> {
+        let parameters: Vec<&Parameter> = grid(prepared).into_iter().map(|(_, parameter)| parameter).collect();
+        self.say(&format!("## {trial}"));
+        let shown = &groups[..groups.len().min(SHOWN)];
+        if shown.len() < groups.len() {
+            self.say(&format!("The first {} of {} configurations; the table has all.", shown.len(), groups.len()));
+        }
+        let controllers: Vec<&str> = distinct(groups.iter().map(|group| group.controller));
+        let colour = |name: &str| controllers.iter().position(|other| *other == name).unwrap_or(0);
+        for chapter in chapters() {
+            self.say(&format!("### {}", chapter.title));
+            let estimates: Vec<Vec<Option<Estimate>>> = shown
+                .par_iter()
+                .map(|group| chapter.scores.iter().map(|score| estimate(group, &score.name)).collect())
+                .collect();
+            let mut header = vec!["mean [interval]".to_owned(), "runs".to_owned()];
+            header.extend(chapter.scores.iter().map(|score| score.label.clone()));
+            let rows = shown.iter().zip(&estimates).map(|(group, estimates)| {
+                let mut cells = vec![group.label(&parameters), group.rows.len().to_string()];
+                cells.extend(
+                    estimates.iter().zip(&chapter.scores).map(|(estimate, score)| cell(estimate.as_ref(), score)),
+                );
+                cells
+            });
+            self.table(header, rows.collect());
+            let panels = chapter.scores.iter().enumerate().map(|(i, score)| IntervalPanel {
+                title: score.label.clone(),
+                rows: shown
+                    .iter()
+                    .zip(&estimates)
+                    .filter_map(|(group, estimates)| {
+                        let estimate = estimates[i].as_ref()?;
+                        Some(IntervalRow {
+                            label: group.label(&parameters),
+                            colour: colour(group.controller),
+                            values: group.values(&score.name),
+                            mean: estimate.summary.mean,
+                            interval: estimate.interval.map(|interval| (interval.low, interval.high)),
+                        })
+                    })
+                    .collect(),
+            });
+            let title = format!("{trial}: {}", chapter.title.to_lowercase());
+            let svg = figures::intervals(&title, &panels.collect::<Vec<_>>())?;
+            self.figure(&format!("{trial}-{}", chapter.short), &title, svg);
+        }
+        self.differences(prepared, groups, &controllers, &parameters);
+        self.best(prepared, groups, &parameters);
+        self.influence(prepared, trial, groups, &controllers, &colour)
+    }
+
+    /// Controllers against the baseline at the same point; and of each controller, points against the first one.
+    fn differences(
+        &mut self,
+        prepared: &Prepared,
+        groups: &[&Group<'_>],
+        controllers: &[&str],
+        parameters: &[&Parameter],
+    ) {
+        let named = prepared.sweep.baseline.as_deref().filter(|name| controllers.contains(name));
+        let Some(baseline) = named.or(controllers.first().copied()) else { return };
+        let of_baseline: Vec<&&Group<'_>> = groups.iter().filter(|group| group.controller == baseline).collect();
+        if controllers.len() > 1 {
+            self.say(&format!("### Against {baseline}"));
+            self.say(
+                "Difference to the baseline [interval], and in how many of the runs it is better or worse. \
+                 Less is better, for the bias what is nearer to none.",
+            );
+            for base in of_baseline.iter().take(COMPARED) {
+                let same_point = |group: &&&Group<'_>| {
+                    let both = group.values.iter().zip(&base.values);
+                    let same = both.fold(true, |same, (a, b)| same && (a.is_none() || b.is_none() || a == b));
+                    group.controller != baseline && same
+                };
+                self.against(
+                    base,
+                    &groups.iter().copied().filter(|group| same_point(&group)).collect::<Vec<_>>(),
+                    parameters,
+                );
+            }
+            if of_baseline.len() > COMPARED {
+                self.say(&format!("The first {COMPARED} of {} grid points.", of_baseline.len()));
+            }
+        }
+        if parameters.is_empty() {
+            return;
+        }
+        for controller in controllers {
+            let mut own = groups.iter().copied().filter(|group| group.controller == *controller);
+            let Some(first) = own.next() else { continue };
+            let others: Vec<&Group<'_>> = own.take(COMPARED).collect();
+            if !others.is_empty() {
+                self.say(&format!("### {controller}, against its first point"));
+                self.against(first, &others, parameters);
+            }
+        }
+    }
+
+    fn against(&mut self, base: &Group<'_>, others: &[&Group<'_>], parameters: &[&Parameter]) {
+        let mut header = vec![format!("against {}", base.label(parameters))];
+        header.extend(others.iter().map(|group| group.label(parameters)));
+        let chapters = chapters();
+        let scores: Vec<(&Chapter, &Score)> = chapters
+            .iter()
+            .flat_map(|chapter| chapter.scores.iter().map(move |score| (chapter, score)))
+            .filter(|(_, score)| score.better != Better::Neither)
+            .collect();
+        let rows: Vec<Vec<String>> = scores
+            .par_iter()
+            .map(|(chapter, score)| {
+                let prefix = if chapter.short == "cost" { String::new() } else { format!("{}: ", chapter.short) };
+                let mut cells = vec![format!("{prefix}{}", score.label)];
+                cells.extend(others.iter().map(|other| {
+                    let difference = difference(base, other, score);
+                    difference.map_or_else(|| "–".to_owned(), |difference| told(&difference, score.digits))
+                }));
+                cells
+            })
+            .collect();
+        self.table(header, rows);
+    }
+
+    /// Of groups of controllers, who has the least error, seed by seed.
+    fn best(&mut self, prepared: &Prepared, groups: &[&Group<'_>], parameters: &[&Parameter]) {
+        let points: Vec<usize> = distinct(groups.iter().map(|group| group.grid));
+        for names in prepared.sweep.best_of.iter().filter(|names| names.len() > 1) {
+            for point in points.iter().take(COMPARED) {
+                let members: Vec<&Group<'_>> = names
+                    .iter()
+                    .filter_map(|name| groups.iter().find(|group| group.grid == *point && group.controller == name))
+                    .copied()
+                    .collect();
+                if members.len() < names.len() {
+                    continue;
+                }
+                self.say(&format!("### Best of {}", names.join(", ")));
+                if points.len() > 1 {
+                    let label = members[0].label(parameters);
+                    self.say(label.split_once(", ").map_or("", |(_, point)| point));
+                }
+                let mut header = vec!["runs in which it is best".to_owned()];
+                header.extend(members.iter().map(|group| group.controller.to_owned()));
+                header.push("of".to_owned());
+                let mut rows = Vec::new();
+                for chapter in chapters().iter().take(2) {
+                    for score in &chapter.scores {
+                        let (counts, of) = wins(&members, &score.name);
+                        let mut cells = vec![format!("{}: {}", chapter.short, score.label)];
+                        cells.extend(counts.iter().map(usize::to_string));
+                        cells.push(of.to_string());
+                        rows.push(cells);
+                    }
+                }
+                self.table(header, rows);
+            }
+        }
+    }
+
+    /// Scores over every parameter that is a number and takes several values.
+    fn influence(
+        &mut self,
+        prepared: &Prepared,
+        trial: &str,
+        groups: &[&Group<'_>],
+        controllers: &[&str],
+        colour: &impl Fn(&str) -> usize,
+    ) -> Result<(), String> {
+        let parameters: Vec<(usize, &Parameter)> = prepared
+            .sweep
+            .parameters
+            .iter()
+            .enumerate()
+            .filter(|(_, one)| one.values.len() > 1 && one.values.iter().all(|value| row::number(value).is_some()))
+            .collect();
+        if parameters.is_empty() {
+            return Ok(());
+        }
+        let [measured, ..] = chapters();
+        // The points of a score over a parameter, for a controller.
+        let points = |parameter: usize, controller: &str, score: &str| -> Vec<(f64, f64)> {
+            let rows =
+                groups.iter().filter(|group| group.controller == controller).flat_map(|group| group.rows.values());
+            rows.filter_map(|row| {
+                let one = &prepared.plan.configurations[prepared.plan.runs[row.run].configuration];
+                Some((row::number(one.values[parameter].as_ref()?)?, *row.scores.get(score)?))
+            })
+            .collect()
+        };
+        self.say("### What the parameters do");
+        self.say(
+            "Rank correlation of parameter and measured error over all runs: +1 the error grows with the parameter, \
+             −1 it shrinks, near 0 the parameter does not matter or does not act one way.",
+        );
+        let mut header = vec!["rank correlation".to_owned()];
+        header.extend(measured.scores.iter().map(|score| score.label.clone()));
+        let mut rows = Vec::new();
+        for (i, parameter) in &parameters {
+            for controller in controllers {
+                let cells: Vec<String> = measured
+                    .scores
+                    .iter()
+                    .map(|score| {
+                        let correlation = rank_correlation(&points(*i, controller, &score.name));
+                        correlation.map_or_else(|| "–".to_owned(), |correlation| format!("{correlation:+.2}"))
+                    })
+                    .collect();
+                if cells.iter().any(|cell| cell != "–") {
+                    rows.push([vec![format!("{controller}: {}", parameter.name)], cells].concat());
+                }
+            }
+        }
+        self.table(header, rows);
+        for (i, parameter) in &parameters {
+            let panels: Vec<ScatterPanel> = measured
+                .scores
+                .iter()
+                .map(|score| ScatterPanel {
+                    title: score.label.clone(),
+                    series: controllers
+                        .iter()
+                        .map(|controller| Series {
+                            label: (*controller).to_owned(),
+                            colour: colour(controller),
+                            points: points(*i, controller, &score.name),
+                        })
+                        .filter(|series| !series.points.is_empty())
+                        .collect(),
+                })
+                .collect();
+            if panels.iter().all(|panel| panel.series.is_empty()) {
+                continue;
+            }
+            let title = format!("{trial}: measured errors over {}", parameter.name);
+            self.figure(&format!("{trial}-over-{}", parameter.name), &title, figures::scatter(&title, &panels)?);
+        }
+        Ok(())
+    }
+
+    fn rest(&mut self, prepared: &Prepared, rows: &[Row]) {
+        let wrong: Vec<&Row> = rows.iter().filter(|row| !row.verdict.is_well()).collect();
+        if !wrong.is_empty() {
+            self.say("## Runs that are invalid or fail");
+            let cells =
+                |row: &&Row| vec![row.id.clone(), row.verdict.name().to_owned(), row.error.clone().unwrap_or_default()];
+            let listed = wrong.iter().take(LISTED).map(cells).collect();
+            self.table(["run", "verdict", "why"].map(str::to_owned).into(), listed);
+            if wrong.len() > LISTED {
+                self.say(&format!("The first {LISTED} of {}.", wrong.len()));
+            }
+        }
+        self.say("## The sweep's file");
+        self.say(&format!("```toml\n{}\n```", prepared.sweep.text().trim_end()));
+        // One line break at the end.
+        self.text.truncate(self.text.trim_end().len());
+        self.text.push('\n');
+    }
+}
+
+/// A table in Markdown; all columns but the first are numbers. Columns are as wide as their widest cell.
+fn markdown_table(header: Vec<String>, rows: Vec<Vec<String>>) -> String {
+    let safe = |cells: Vec<String>| cells.into_iter().map(|cell| cell.replace('|', "\\|")).collect::<Vec<_>>();
+    let lines: Vec<Vec<String>> = std::iter::once(header).chain(rows).map(safe).collect();
+    let columns = lines[0].len();
+    let width = |column: usize| lines.iter().map(|line| line[column].chars().count()).max().unwrap_or(0);
+    let widths: Vec<usize> = (0..columns).map(width).collect();
+    let written = |line: &Vec<String>| {
+        let cells = line.iter().zip(&widths).enumerate().map(|(column, (cell, &width))| match column {
+            0 => format!("| {cell:<width$} "),
+            _ => format!("| {cell:>width$} "),
+        });
+        cells.collect::<String>() + "|"
+    };
+    let rule = widths.iter().map(|width| format!("|{}", "-".repeat(width + 2))).collect::<String>() + "|";
+    let mut text: Vec<String> = lines.iter().map(written).collect();
+    text.insert(1, rule);
+    text.join("\n")
+}
+
+/// Without repetitions, in order.
+fn distinct<T: PartialEq>(items: impl Iterator<Item = T>) -> Vec<T> {
+    let mut distinct = Vec::new();
+    for item in items {
+        if !distinct.contains(&item) {
+            distinct.push(item);
+        }
+    }
+    distinct
+}
+
+fn cell(estimate: Option<&Estimate>, score: &Score) -> String {
+    let digits = score.digits;
+    match estimate {
+        None => "–".to_owned(),
+        Some(Estimate { summary, interval: None }) => format!("{:.digits$}", summary.mean),
+        Some(Estimate { summary, interval: Some(Interval { low, high }) }) => {
+            format!("{:.digits$} [{low:.digits$}, {high:.digits$}]", summary.mean)
+        }
+    }
+}
+
+fn difference(base: &Group<'_>, other: &Group<'_>, score: &Score) -> Option<Difference> {
+    // Runs are paired by sample and seed; a key stands for such a pair.
+    let keys: BTreeMap<(usize, u64), u64> = base.rows.keys().copied().zip(0..).collect();
+    let values = |group: &Group<'_>| -> BTreeMap<u64, f64> {
+        let rows = group.rows.iter();
+        rows.filter_map(|(key, row)| Some((*keys.get(key)?, *row.scores.get(&score.name)?))).collect()
+    };
+    let name =
+        format!("{} {} {} {} {} {}", base.trial, base.grid, base.controller, other.grid, other.controller, score.name);
+    Difference::of(&values(base), &values(other), score.better, &name)
+}
+
+/// `+0.0212 [+0.0181, +0.0243] worse in 20 of 20`
+fn told(difference: &Difference, digits: usize) -> String {
+    // Differences within a pair are known better than the values themselves.
+    let digits = digits + 1;
+    let interval = difference
+        .interval
+        .map_or_else(String::new, |Interval { low, high }| format!(" [{low:+.digits$}, {high:+.digits$}]"));
+    let of = difference.seeds;
+    let verdict = match difference.verdict {
+        statistics::Verdict::Better => format!("**better** in {} of {of}", difference.better_seeds),
+        statistics::Verdict::Worse => format!("**worse** in {} of {of}", difference.worse_seeds),
+        statistics::Verdict::Equal => "equal".to_owned(),
+        statistics::Verdict::TooFewSeeds => format!("too few runs ({of})"),
+        statistics::Verdict::NoClearDifference | statistics::Verdict::Different => {
+            format!("no clear difference (better in {} of {of})", difference.better_seeds)
+        }
+    };
+    format!("{:+.digits$}{interval} {verdict}", difference.mean)
+}
+
+/// In how many runs each group has the least value, and of how many that all of them have. A tie counts for nobody.
+fn wins(groups: &[&Group<'_>], score: &str) -> (Vec<usize>, usize) {
+    let mut counts = vec![0; groups.len()];
+    let mut of = 0;
+    let Some(first) = groups.first() else { return (counts, of) };
+    for key in first.rows.keys() {
+        let values: Option<Vec<f64>> =
+            groups.iter().map(|group| group.rows.get(key)?.scores.get(score).copied()).collect();
+        let Some(values) = values else { continue };
+        of += 1;
+        let least = values.iter().copied().fold(f64::INFINITY, f64::min);
+        let mut holders = (0..values.len()).filter(|i| values[*i] == least);
+        if let (Some(winner), None) = (holders.next(), holders.next()) {
+            counts[winner] += 1;
+        }
+    }
+    (counts, of)
+}

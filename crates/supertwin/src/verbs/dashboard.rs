@@ -1,0 +1,120 @@
+//! `supertwin dashboard`: the viewer's dashboards, as a list or as files.
+
+use crate::arguments::positive;
+use crate::terminal;
+use clap::Args;
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use supertwin_operations::OperationError;
+use supertwin_operations::save;
+use supertwin_rerun::blueprint::{self, About, Dashboard, NAMES};
+
+/// Arguments of `dashboard`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  supertwin dashboard --list
+  supertwin dashboard --save dashboards          one .rbl file each
+  supertwin dashboard tracking --save . --law pid --span 150 --force
+  rerun dashboards/tracking.rbl                  give one to the viewer that is open
+
+Every recording carries all dashboards that suit it, as tabs, and shows the whole run. The files suit any recording;
+without --span their time axes are linked and show half a minute on both sides of the cursor.
+Exit status: 0 done, 2 the call is wrong or a file can't be written.")]
+#[command(group(clap::ArgGroup::new("what").required(true).args(["list", "save"])))]
+pub(crate) struct DashboardArguments {
+    /// Which [default: all]
+    #[arg(value_name = "NAME")]
+    names: Vec<String>,
+
+    /// Say which there are and what they show
+    #[arg(long)]
+    list: bool,
+
+    /// Write them to this folder
+    #[arg(long, value_name = "DIR")]
+    save: Option<PathBuf>,
+
+    /// For runs of this length: all plots show all of it
+    #[arg(long, value_name = "S", value_parser = positive)]
+    span: Option<f64>,
+
+    /// For runs with this law: gsta, agsta, pid; may be repeated [default: all]
+    #[arg(long, value_name = "LAW", value_parser = ["gsta", "agsta", "pid"])]
+    law: Vec<String>,
+
+    /// Replace files that exist
+    #[arg(long)]
+    force: bool,
+
+    /// Print JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// One dashboard in the JSON array of `--json`.
+#[derive(Debug, Serialize)]
+struct Listed<'a> {
+    name: &'a str,
+    about: &'a str,
+    /// Titles of its views.
+    views: Vec<String>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    file: Option<PathBuf>,
+}
+
+/// The dashboard that no file of its own can hold.
+const COMPARE: &str = "compare";
+
+fn compare() -> Listed<'static> {
+    Listed { name: COMPARE, about: blueprint::about(COMPARE).unwrap_or_default(), views: Vec::new(), file: None }
+}
+
+/// Does it.
+pub(crate) fn dashboard(arguments: &DashboardArguments) -> Result<ExitCode, OperationError> {
+    let about = About { span_s: arguments.span, laws: arguments.law.clone(), network: true, ..About::default() };
+    let names: Vec<&str> =
+        if arguments.names.is_empty() { NAMES.into() } else { arguments.names.iter().map(String::as_str).collect() };
+    let mut listed = Vec::new();
+    for name in names {
+        if name == COMPARE && arguments.save.is_some() {
+            let why = "depends on the runs that it compares; `supertwin compare RUN RUN… --out FILE.rrd` writes it";
+            return Err(OperationError::Option(format!("{name}: {why}")));
+        }
+        if name == COMPARE {
+            listed.push(compare());
+            continue;
+        }
+        let unknown = || OperationError::Option(format!("{name}: is no dashboard; there are {}", NAMES.join(", ")));
+        let dashboard = Dashboard::named(name, &about).ok_or_else(unknown)?;
+        let views = dashboard.views().iter().map(|view| view.name.clone()).collect();
+        let file = match &arguments.save {
+            Some(folder) => Some(save_to(folder, dashboard, name, arguments.force)?),
+            None => None,
+        };
+        listed.push(Listed { name, about: blueprint::about(name).unwrap_or_default(), views, file });
+    }
+    if arguments.names.is_empty() && arguments.save.is_none() {
+        listed.push(compare());
+    }
+    if arguments.json {
+        let text = serde_json::to_string_pretty(&listed)
+            .map_err(|cause| OperationError::Option(format!("the list can't be written as JSON: {cause}")))?;
+        terminal::print(&text);
+    } else {
+        for one in &listed {
+            terminal::print(&match &one.file {
+                Some(file) => file.display().to_string(),
+                None => format!("{:12}{}", one.name, one.about),
+            });
+        }
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn save_to(folder: &Path, dashboard: Dashboard, name: &str, force: bool) -> Result<PathBuf, OperationError> {
+    let path = folder.join(format!("{name}.rbl"));
+    let failed = |cause: String| OperationError::Path { path: path.display().to_string(), cause };
+    save(&path, &blueprint::file(dashboard).map_err(failed)?, force)?;
+    Ok(path)
+}

@@ -1,0 +1,108 @@
+//! `supertwin record`: what flows on the network, into recordings and a live view.
+
+use crate::arguments::{LIVE_PORT, LinkArguments, LiveArguments, RecordingArguments};
+use crate::terminal::{self, INTERRUPTED};
+use crate::verbs::serve::open_patiently;
+use clap::Args;
+use serde_json::{Value, json};
+use std::process::ExitCode;
+use std::sync::Arc;
+use supertwin_lab::Library;
+use supertwin_operations::OperationError;
+use supertwin_operations::recorder::{Options, Recorder};
+use supertwin_protocol::{Clock, SystemClock};
+use supertwin_rerun::Live;
+use supertwin_zenoh::{Mailbox, close};
+
+/// Arguments of `record`.
+#[derive(Debug, Args)]
+#[command(after_help = "Examples:
+  supertwin record                               every vehicle of this router, into runs/recorded
+  supertwin record --live                        the same, and shows it as it comes
+  supertwin record --vehicle argus-mini --out /data --part-min 10
+  supertwin serve plant --pace lockstep --witness recorder &  supertwin record --once
+                                                 the ring waits for the recorder: no tick is missing
+
+Ctrl-C and SIGTERM close the files. After a crash or a power cut everything but the last second is there; `supertwin
+repair` makes such a file whole.
+Exit status: 0 stopped, 2 the call is wrong, 130 interrupted before a router was there.")]
+pub(crate) struct RecordArguments {
+    #[command(flatten)]
+    pub(crate) recording: RecordingArguments,
+    #[command(flatten)]
+    pub(crate) link: LinkArguments,
+    /// Print JSON
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+/// Serves a live view, if one is asked for, and says how to open it.
+pub(crate) fn live(arguments: &LiveArguments, json: bool) -> Result<Option<Live>, OperationError> {
+    let Some(port) = arguments.live.or(arguments.live_web.map(|_| LIVE_PORT)) else { return Ok(None) };
+    let live =
+        Live::serve(port, arguments.live_web).map_err(|error| OperationError::Option(format!("--live: {error}")))?;
+    let (url, port) = (live.url(), live.port());
+    let tunnel = format!("ssh -N -L {port}:127.0.0.1:{port} USER@THIS-MACHINE");
+    if json {
+        terminal::print(&json!({ "live": url, "page": live.page(), "tunnel": tunnel }).to_string());
+        return Ok(Some(live));
+    }
+    terminal::print(&format!("Live view: rerun {url}     (pip install rerun-sdk==0.36.3)"));
+    if let Some(page) = live.page() {
+        terminal::print(&format!("In a browser: {page}"));
+    }
+    terminal::print(&format!("From another machine first: {tunnel}"));
+    Ok(Some(live))
+}
+
+/// What happened to a file, for people or programs.
+pub(crate) fn say(json: bool) -> impl FnMut(&Value) {
+    move |news| {
+        if let Some(text) = news["warning"].as_str() {
+            terminal::warn(&format!("warning: {text}"));
+        } else if json {
+            terminal::print(&news.to_string());
+        } else if let Some(path) = news["recording"].as_str() {
+            terminal::print(&format!("{}: recording to {path}", news["vehicle"].as_str().unwrap_or_default()));
+        } else if let Some(path) = news["closed"].as_str() {
+            terminal::print(&format!("closed {path}"));
+        } else if let Some(cause) = news["failed"].as_str() {
+            terminal::warn(&format!("error: NOT RECORDING: {cause}"));
+        }
+    }
+}
+
+/// `supertwin record`, and `supertwin serve recorder`.
+pub(crate) fn record(
+    arguments: &RecordingArguments,
+    link: &LinkArguments,
+    json: bool,
+    library: &Library,
+) -> Result<ExitCode, OperationError> {
+    let mailbox = Arc::new(Mailbox::default());
+    let stop = terminal::mailbox_stop_flag(&mailbox)?;
+    let Some(session) = open_patiently(link.link(library, "local", None, None), &stop)? else {
+        return Ok(ExitCode::from(INTERRUPTED));
+    };
+    let live = live(&arguments.live, json)?;
+    let clock: Arc<dyn Clock> = Arc::new(SystemClock::start());
+    let options = Options {
+        folder: (!arguments.no_file).then(|| arguments.out.clone()),
+        rotation: arguments.rotation(),
+        witness: arguments.as_witness.clone(),
+        vehicle: link.vehicle.clone(),
+        namespaced: false,
+        once: arguments.once,
+    };
+    let mut recorder = Recorder::new(&session, clock, live, options)?;
+    // Ctrl-C wakes the mailbox; here somebody else waits.
+    recorder.ends_with(&stop, mailbox);
+    if json {
+        terminal::print(&json!({ "recorder": recorder.instance() }).to_string());
+    } else {
+        terminal::print("waiting for a vehicle; Ctrl-C closes the recordings");
+    }
+    recorder.run(&stop, say(json))?;
+    close(&session);
+    Ok(ExitCode::SUCCESS)
+}

@@ -1,0 +1,105 @@
+//! Tables of scores: the paper's table IV beside ours, and what the accuracy cost.
+
+use comfy_table::presets::UTF8_FULL_CONDENSED;
+use comfy_table::{CellAlignment, ContentArrangement, Table};
+use supertwin_lab::Scores;
+use supertwin_lab::paper::{ROWS, table_iv};
+use supertwin_operations::run::FinishedRun;
+
+/// Runs of one trial and controller.
+struct Group<'a> {
+    title: String,
+    runs: Vec<&'a FinishedRun>,
+}
+
+impl Group<'_> {
+    /// Mean, and standard deviation when several seeds ran.
+    fn cell(&self, digits: usize, value: impl Fn(&Scores) -> f64) -> String {
+        let n = self.runs.len() as f64;
+        let mean = self.runs.iter().map(|run| value(&run.scores)).sum::<f64>() / n;
+        if self.runs.len() < 2 {
+            return format!("{mean:.digits$}");
+        }
+        let variance = self.runs.iter().map(|run| (value(&run.scores) - mean).powi(2)).sum::<f64>() / (n - 1.0);
+        format!("{mean:.digits$} ± {:.digits$}", variance.sqrt())
+    }
+}
+
+fn groups<'a>(done: &[&'a FinishedRun]) -> Vec<Group<'a>> {
+    let mut groups: Vec<Group<'_>> = Vec::new();
+    for &run in done {
+        let title = if run.trial.ends_with(&run.controller) {
+            run.trial.clone()
+        } else {
+            format!("{}/{}", run.trial, run.controller)
+        };
+        match groups.iter_mut().find(|group| group.title == title) {
+            Some(group) => group.runs.push(run),
+            None => groups.push(Group { title, runs: vec![run] }),
+        }
+    }
+    groups
+}
+
+fn table(header: Vec<String>) -> Table {
+    let mut table = Table::new();
+    table.load_style(UTF8_FULL_CONDENSED).set_content_arrangement(ContentArrangement::Disabled).set_header(header);
+    table
+}
+
+fn aligned(mut table: Table) -> String {
+    for column in table.column_iter_mut().skip(1) {
+        column.set_cell_alignment(CellAlignment::Right);
+    }
+    table.to_string()
+}
+
+/// All tables as one text.
+pub(crate) fn scores(done: &[&FinishedRun]) -> String {
+    let groups = groups(done);
+    let seeds = groups.iter().map(|group| group.runs.len()).max().unwrap_or(0);
+    let over = if seeds > 1 { format!(", mean ± standard deviation over {seeds} seeds") } else { String::new() };
+    let mut text = format!("Root-mean-square error of the measured signals{over}\n");
+
+    let mut header = vec!["measured".to_owned()];
+    for group in &groups {
+        if group.runs[0].paper.is_some() {
+            header.push("paper IV".to_owned());
+        }
+        header.push(group.title.clone());
+    }
+    let mut measured = table(header);
+    for (i, row) in ROWS.iter().enumerate() {
+        let mut cells = vec![(*row).to_owned()];
+        for group in &groups {
+            if let Some(column) = group.runs[0].paper {
+                cells.push(format!("{:.3}", table_iv(column)[i]));
+            }
+            cells.push(group.cell(3, |scores| scores.measured.to_array()[i]));
+        }
+        measured.add_row(cells);
+    }
+    text += &aligned(measured);
+
+    text += "\n\nThe same of the true signals, which no field trial knows, and what it cost\n";
+    let mut header = vec!["true".to_owned()];
+    header.extend(groups.iter().map(|group| group.title.clone()));
+    let mut truth = table(header);
+    let mut row = |name: &str, digits: usize, value: &dyn Fn(&Scores) -> f64| {
+        let mut cells = vec![name.to_owned()];
+        cells.extend(groups.iter().map(|group| group.cell(digits, value)));
+        truth.add_row(cells);
+    };
+    for (i, name) in ROWS.iter().enumerate() {
+        row(name, 3, &|scores| scores.truth.to_array()[i]);
+    }
+    row("Sway bias in travel [m/s]", 3, &|scores| scores.sway_bias_in_travel_direction_m_per_s);
+    row("Thrust activity surge [N/s]", 1, &|scores| scores.activity.surge);
+    row("Thrust activity sway [N/s]", 1, &|scores| scores.activity.sway);
+    row("Thrust activity heave [N/s]", 1, &|scores| scores.activity.heave);
+    row("Thrust activity yaw [N m/s]", 2, &|scores| scores.activity.yaw);
+    for (axis, name) in ["surge", "sway", "heave", "yaw"].into_iter().enumerate() {
+        row(&format!("k1 {name} at the end"), 1, &|scores| scores.k1_end.to_array()[axis]);
+    }
+    text + &aligned(truth)
+}
