@@ -4,6 +4,7 @@
 use crate::support::{CONFIG, Ended, Listener, Place, Process, Proxy, SERVICES, following, listening};
 use serde_json::Value;
 use std::collections::BTreeMap;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 use supertwin_core::run::Properties;
 use supertwin_core::{Event, Probe, RunHeader, RunSink, Signal, SinkError, Tick};
@@ -436,4 +437,35 @@ fn recordings_that_can_not_be_replayed_are_named() {
     refused(&good, &["--set", "estimator.measurement.dvl.std=-1"], &["dvl.std", "must be positive"]);
     refused(&good, &["--controller", "agst"], &["no such controller", "agsta"]);
     refused(&good, &["--verify", "--set", "guidance.lookahead_m=3"], &["cannot be used with"]);
+}
+
+/// A recording from the time when an event was a sentence only (format 1, 2026-11), as it was written then.
+fn of_format_1(place: &Place, name: &str, packed: &[u8]) -> PathBuf {
+    let mut unpacked = Vec::new();
+    flate2::read::GzDecoder::new(packed).read_to_end(&mut unpacked).expect("is packed");
+    let file = place.path().join(name);
+    std::fs::write(&file, unpacked).expect("is written");
+    file
+}
+
+#[test]
+fn a_recording_of_one_process_from_before_events_were_data_repeats_scores_and_aligns() {
+    let place = Place::new();
+    let file = of_format_1(&place, "batch.rrd", include_bytes!("fixtures/batch-format-1.rrd.gz"));
+    let report = verified(&place, &file, &SERVICES);
+    wholly_compared(&report);
+    let shown = place.call(&["show", &file.display().to_string(), "--json"]).well().json();
+    assert_eq!(shown["events"].as_array().map(Vec::len), Some(15), "{shown}");
+    let zeros = [("following", 0.4), ("event:gsta-tuned", 1.0), ("fault", 1.2), ("reversed", 1.8)];
+    for (event, zero_s) in zeros {
+        let compared = place.call(&["compare", &file.display().to_string(), "--align", event, "--json"]).well().json();
+        assert_eq!(compared["runs"][0]["zero_s"].as_f64(), Some(zero_s), "{event}: {compared}");
+    }
+}
+
+#[test]
+fn a_recording_of_a_network_from_before_events_were_data_repeats() {
+    let place = Place::new();
+    let file = of_format_1(&place, "network.rrd", include_bytes!("fixtures/network-format-1.rrd.gz"));
+    wholly_compared(&verified(&place, &file, &SERVICES));
 }
