@@ -25,6 +25,8 @@ use supertwin_core::signal::{self, tracking};
 pub struct Family {
     /// First word of their names.
     pub name: &'static str,
+    /// Title of each in tables and dashboards, with what it is of in the place of `{}`.
+    title: &'static str,
     /// Last word of each name, and its unit; an empty word where there is one only.
     pub items: &'static [(&'static str, &'static str)],
     /// Which values are better.
@@ -116,9 +118,15 @@ const NEAR_ZERO: Better = Better::NearestTo(0.0);
 const NEAR_ONE: Better = Better::NearestTo(1.0);
 
 macro_rules! families {
-    ($($name:literal $items:expr, $better:expr, $source:ident, $formula:literal, $about:literal;)*) => {
+    ($($name:literal $items:expr, $better:expr, $source:ident, $formula:literal, $title:literal, $about:literal;)*) => {
         &[$(Family {
-            name: $name, items: $items, better: $better, formula: $formula, about: $about, source: Source::$source,
+            name: $name,
+            items: $items,
+            better: $better,
+            formula: $formula,
+            title: $title,
+            about: $about,
+            source: Source::$source,
         }),*]
     };
 }
@@ -128,62 +136,87 @@ macro_rules! families {
 /// the reference models.
 pub static FAMILIES: &[Family] = families! {
     "measured" QUANTITIES, LOWER, Scores, "√(Σeᵢ²/n)",
-        "root-mean-square error of the measured signals, the paper's table IV";
-    "true" QUANTITIES, LOWER, Truth, "√(Σeᵢ²/n)", "root-mean-square error of the true signals";
-    "measured_mae" QUANTITIES, LOWER, Scores, "Σ|eᵢ|/n", "mean absolute error, measured";
-    "true_mae" QUANTITIES, LOWER, Truth, "Σ|eᵢ|/n", "mean absolute error, true";
-    "measured_bias" QUANTITIES, NEAR_ZERO, Scores, "Σeᵢ/n", "mean error, measured";
-    "true_bias" QUANTITIES, NEAR_ZERO, Truth, "Σeᵢ/n", "mean error, true";
-    "measured_max" QUANTITIES, LOWER, Scores, "max|eᵢ|", "largest error, measured";
-    "true_max" QUANTITIES, LOWER, Truth, "max|eᵢ|", "largest error, true";
-    "measured_iae" INTEGRALS, LOWER, Scores, "Σ|eᵢ|Δt", "integral of the absolute error, measured";
-    "true_iae" INTEGRALS, LOWER, Truth, "Σ|eᵢ|Δt", "integral of the absolute error, true";
-    "measured_ise" SQUARES, LOWER, Scores, "Σeᵢ²Δt", "integral of the squared error, measured";
-    "true_ise" SQUARES, LOWER, Truth, "Σeᵢ²Δt", "integral of the squared error, true";
+        "{}, measured RMS error", "root-mean-square error of the measured signals, the paper's table IV";
+    "true" QUANTITIES, LOWER, Truth, "√(Σeᵢ²/n)", "{}, true RMS error", "root-mean-square error of the true signals";
+    "measured_mae" QUANTITIES, LOWER, Scores, "Σ|eᵢ|/n",
+        "{}, measured mean absolute error", "mean absolute error, measured";
+    "true_mae" QUANTITIES, LOWER, Truth, "Σ|eᵢ|/n", "{}, true mean absolute error", "mean absolute error, true";
+    "measured_bias" QUANTITIES, NEAR_ZERO, Scores, "Σeᵢ/n", "{}, measured mean error", "mean error, measured";
+    "true_bias" QUANTITIES, NEAR_ZERO, Truth, "Σeᵢ/n", "{}, true mean error", "mean error, true";
+    "measured_max" QUANTITIES, LOWER, Scores, "max|eᵢ|", "{}, measured largest error", "largest error, measured";
+    "true_max" QUANTITIES, LOWER, Truth, "max|eᵢ|", "{}, true largest error", "largest error, true";
+    "measured_iae" INTEGRALS, LOWER, Scores, "Σ|eᵢ|Δt",
+        "{}, measured integral of the absolute error", "integral of the absolute error, measured";
+    "true_iae" INTEGRALS, LOWER, Truth, "Σ|eᵢ|Δt",
+        "{}, true integral of the absolute error", "integral of the absolute error, true";
+    "measured_ise" SQUARES, LOWER, Scores, "Σeᵢ²Δt",
+        "{}, measured integral of the squared error", "integral of the squared error, measured";
+    "true_ise" SQUARES, LOWER, Truth, "Σeᵢ²Δt",
+        "{}, true integral of the squared error", "integral of the squared error, true";
     "sway_bias_in_travel_direction_m_per_s" &[("", "m/s")], NEAR_ZERO, Scores, "Σ sgn(v_d)eᵢ/n",
+        "Sway speed, mean error in travel direction",
         "mean sway error in the direction of travel, measured: negative when it lags behind";
     "measured_settling" SETTLING, LOWER, Steps, "min τ: |y − r| ≤ band on [τ, τ + 5 s]",
+        "{}, measured settling time",
         "mean settling time after a step of the set-point: from when on it stays for 5 s within 5 % of the step, at least \
          0.2 m (distance), 0.1 m (depth), 0.1 rad (heading); a step that never settles counts as long as it was watched";
-    "true_settling" SETTLING, LOWER, TrueSteps, "the same of the true signals", "mean settling time, true";
+    "true_settling" SETTLING, LOWER, TrueSteps, "the same of the true signals",
+        "{}, true settling time", "mean settling time, true";
     "measured_overshoot" OVERSHOOT, LOWER, Steps, "max(0, max (y − r) sgn Δ)/|Δ|",
+        "{}, measured overshoot",
         "mean overshoot after a step of the set-point by Δ, until it has settled, as a share of the step; waves are part of it";
-    "true_overshoot" OVERSHOOT, LOWER, TrueSteps, "the same of the true signals", "mean overshoot, true";
-    "unsettled" UNSETTLED, LOWER, Steps, "count", "steps of a set-point after which it never settled, measured";
-    "effort" WRENCH, LOWER, Scores, "√(Στᵢ²/n)", "root-mean-square of the allocated wrench";
-    "requested_max" WRENCH, LOWER, Scores, "max|τ_c,i|", "largest requested wrench";
+    "true_overshoot" OVERSHOOT, LOWER, TrueSteps, "the same of the true signals",
+        "{}, true overshoot", "mean overshoot, true";
+    "unsettled" UNSETTLED, LOWER, Steps, "count",
+        "{}, steps that did not settle", "steps of a set-point after which it never settled, measured";
+    "effort" WRENCH, LOWER, Scores, "√(Στᵢ²/n)", "{}, RMS allocated wrench", "root-mean-square of the allocated wrench";
+    "requested_max" WRENCH, LOWER, Scores, "max|τ_c,i|", "{}, largest requested wrench", "largest requested wrench";
     "chattering" WRENCH_RATE, LOWER, Scores, "Σ|τ_c,i − τ_c,i−1|/(nΔt)",
+        "{}, chattering of the requested wrench",
         "chattering index: total variation of the requested wrench per second";
     "activity" WRENCH_RATE, LOWER, Truth, "Σ|τᵢ − τᵢ₋₁|/(nΔt)",
-        "total variation per second of the wrench that the thrusters really made: their wear";
-    "saturated_share" SHARES, LOWER, Scores, "count/n", "share of time in which allocation changed the axis";
+        "{}, thruster activity", "total variation per second of the wrench that the thrusters really made: their wear";
+    "saturated_share" SHARES, LOWER, Scores, "count/n",
+        "{}, share of time saturated", "share of time in which allocation changed the axis";
     "outside_alpha_tol_share" SHARES, LOWER, Scores, "#{|σᵢ| ≥ α_tol}/n",
+        "{}, share of time with |σ| ≥ α_tol",
         "share of time outside the band in which gains may fall; adaptive laws only";
-    "k1_end" GAINS, Better::Neither, Scores, "k1 at i = n", "gain k1 at the end; laws of the GSTA family only";
-    "k1_growth" GAINS, LOWER, Scores, "k1 at i = n minus k1 at i = 1", "growth of the gain k1 over the window";
+    "k1_end" GAINS, Better::Neither, Scores, "k1 at i = n",
+        "{}, gain k1 at the end", "gain k1 at the end; laws of the GSTA family only";
+    "k1_growth" GAINS, LOWER, Scores, "k1 at i = n minus k1 at i = 1",
+        "{}, growth of the gain k1", "growth of the gain k1 over the window";
     "k1_slope_per_s" GAIN_RATES, LOWER, Scores, "(k1(n) − k1(n/2))/(nΔt/2)",
+        "{}, slope of the gain k1",
         "slope of the gain k1 over the second half of the window: gains that never come to rest";
-    "estimation" QUANTITIES, LOWER, Truth, "√(Σ(ŷᵢ − yᵢ)²/n)", "root-mean-square error of the estimate itself";
+    "estimation" QUANTITIES, LOWER, Truth, "√(Σ(ŷᵢ − yᵢ)²/n)",
+        "{}, RMS error of the estimate", "root-mean-square error of the estimate itself";
     "nis" NIS, NEAR_ONE, Innovations, "Σ(innovation²/variance)/n",
+        "{}, normalised innovation squared",
         "normalised innovation squared, mean; 1 when the filter doubts as much as it errs, more when it trusts too much; \
          innovations that a gate refused are part of it";
     "nees" NEES, NEAR_ONE, Variances, "Σ((ŷᵢ − yᵢ)²/variance)/n",
+        "{}, normalised estimation error squared",
         "normalised estimation error squared, mean, per quantity (covariances are not recorded); distance while there is a net";
-    "net_lost_share" &[("", "1")], LOWER, Health, "count/n", "share of time without a net plane";
-    "dead_reckoning_share" &[("", "1")], LOWER, Health, "count/n", "share of time without a velocity measurement";
+    "net_lost_share" &[("", "1")], LOWER, Health, "count/n",
+        "Share of time without a net plane", "share of time without a net plane";
+    "dead_reckoning_share" &[("", "1")], LOWER, Health, "count/n",
+        "Share of time on dead reckoning", "share of time without a velocity measurement";
     "loop_us" &[("median", "µs"), ("p99", "µs"), ("max", "µs")], LOWER, Link, "median, median and max over seconds",
-        "from measurements sent to the thrust they led to, as the plant counts it each second";
+        "Loop time, {}", "from measurements sent to the thrust they led to, as the plant counts it each second";
     "step_us" &[(SERVICES[0], "µs"), (SERVICES[1], "µs"), (SERVICES[2], "µs"), (SERVICES[3], "µs")], LOWER, Link,
-        "max over seconds of p99", "time of a step with all that belongs to it";
+        "max over seconds of p99", "Step time, {}", "time of a step with all that belongs to it";
     "transport_ms_max" &[("", "ms")], LOWER, Link, "max over services, inputs and seconds",
-        "longest way of an input from its sender, if their clocks agree";
+        "Transport time, maximum", "longest way of an input from its sender, if their clocks agree";
     "input_age_ticks_max" &[("", "ticks")], LOWER, Link, "max over services, inputs and seconds",
-        "greatest age of an input at a step";
-    "messages_lost" &[("", "messages")], LOWER, Link, "Σ growth of the counters", "messages of inputs that never came";
-    "deadlines_missed" &[("", "ticks")], LOWER, Link, "Σ growth of the counters", "ticks that came too late";
+        "Input age, maximum", "greatest age of an input at a step";
+    "messages_lost" &[("", "messages")], LOWER, Link, "Σ growth of the counters",
+        "Messages lost", "messages of inputs that never came";
+    "deadlines_missed" &[("", "ticks")], LOWER, Link, "Σ growth of the counters",
+        "Deadlines missed", "ticks that came too late";
     "recorder_lag_ms" &[("median", "ms"), ("p99", "ms")], LOWER, Link, "recorder's clock − plant's clock",
-        "from the plant's clock to the recorder's, if the clocks agree";
+        "Recorder lag, {}", "from the plant's clock to the recorder's, if the clocks agree";
     "unrecorded_share" &[("", "1")], LOWER, Link, "missing/(4 · ticks)",
+        "Share of telemetry that is not recorded",
         "share of the four services' telemetry that the recording misses, over the whole run";
 };
 
@@ -192,21 +225,51 @@ pub static FAMILIES: &[Family] = families! {
 pub struct Metric {
     /// `measured.depth_m`.
     pub name: String,
+    /// `Depth, measured RMS error`.
+    pub title: String,
     /// Of its values.
     pub unit: &'static str,
     /// What it is one of.
     pub family: &'static Family,
 }
 
+impl Metric {
+    /// `[m]`; empty for numbers without a unit.
+    #[must_use]
+    pub fn bracketed_unit(&self) -> String {
+        if self.unit == "1" { String::new() } else { format!(" [{}]", self.unit) }
+    }
+
+    /// `Depth, measured RMS error [m]`.
+    #[must_use]
+    pub fn label(&self) -> String {
+        self.title.clone() + &self.bracketed_unit()
+    }
+}
+
 static CATALOGUE: LazyLock<Vec<Metric>> = LazyLock::new(|| {
     let of = |family: &'static Family| {
         family.items.iter().map(move |(item, unit)| {
             let name = if item.is_empty() { family.name.to_owned() } else { format!("{}.{item}", family.name) };
-            Metric { name, unit, family }
+            Metric { name, title: title(family, item), unit, family }
         })
     };
     FAMILIES.iter().flat_map(of).collect()
 });
+
+/// A family's title with what the item is of, which is the item's name without the unit.
+fn title(family: &Family, item: &str) -> String {
+    let of = match item.split('_').next().unwrap_or_default() {
+        _ if item == "yaw_rate" => "yaw rate",
+        "distance" => "distance to net",
+        "speed" => "total speed",
+        "p99" => "99th percentile",
+        "max" => "maximum",
+        word => word,
+    };
+    let title = family.title.replace("{}", of);
+    title[..1].to_uppercase() + &title[1..]
+}
 
 /// Every metric, in the order of the families.
 #[must_use]
@@ -342,6 +405,12 @@ mod tests {
         for family in FAMILIES {
             assert!(!family.about.is_empty() && !family.formula.is_empty(), "{}", family.name);
         }
+        let labels: BTreeSet<String> = catalogue().iter().map(Metric::label).collect();
+        assert_eq!(labels.len(), catalogue().len(), "people can tell them apart");
+        let label = |name| named(name).expect("is there").label();
+        assert_eq!(label("measured.distance_m"), "Distance to net, measured RMS error [m]");
+        assert_eq!(label("nis.yaw_rate"), "Yaw rate, normalised innovation squared");
+        assert_eq!(label("loop_us.p99"), "Loop time, 99th percentile [µs]");
     }
 
     #[test]

@@ -265,8 +265,9 @@ fn scores_stand_in_a_text_and_in_bars() {
     sways(&file, 0, 0.1, 300);
     let runs = vec![of("a", file.clone(), 0), of("b", file, 1)];
     let cell = |value| Some(Cell { value, plus_minus: None });
-    let row = |name: &str, chart| Row {
+    let row = |name: &str, title: &str, chart| Row {
         name: name.to_owned(),
+        title: title.to_owned(),
         unit: "m/s".to_owned(),
         cells: vec![cell(0.05), cell(0.1)],
         better: Better::Lower,
@@ -274,7 +275,7 @@ fn scores_stand_in_a_text_and_in_bars() {
     };
     let scores = Scores {
         verdicts: vec!["**a** is better".to_owned()],
-        rows: vec![row("Sway", true), row("Surge", false)],
+        rows: vec![row("sway", "Sway", true), row("surge", "Surge", false)],
         ..Scores::default()
     };
     let out = folder.path().join("merged.rrd");
@@ -284,7 +285,7 @@ fn scores_stand_in_a_text_and_in_bars() {
     let text = &content.texts["/compare/scores/text"];
     assert!(text.contains("- **a** is better\n") && text.contains("| Sway [m/s] | **0.050** | 0.100 |"), "{text}");
     let bars: Vec<_> = content.entities.iter().filter(|entity| entity.starts_with("/compare/scores/metric/")).collect();
-    assert_eq!(bars, ["/compare/scores/metric/Sway/a", "/compare/scores/metric/Sway/b"]);
+    assert_eq!(bars, ["/compare/scores/metric/sway/a", "/compare/scores/metric/sway/b"]);
 }
 
 #[test]

@@ -80,7 +80,7 @@ fn scores(comparison: &Comparison, shown: &Selection) -> Scores {
 /// What may be said of the paper's quantities; of whatever is shown when they are not.
 fn sentences(group: &GroupReport, baseline: &str) -> Vec<String> {
     let said = |row: &super::verdicts::Row| {
-        Some(format!("**{}** against {baseline}, {}: {}", group.name, row.metric, row.verdict.as_ref()?))
+        Some(format!("**{}** against {baseline}: {}: {}", group.name, row.definition.title, row.verdict.as_ref()?))
     };
     let of_the_paper: Vec<String> =
         group.metrics.iter().filter(|row| row.metric.starts_with("measured.")).filter_map(said).collect();
@@ -94,6 +94,7 @@ fn row(comparison: &Comparison, number: usize, metric: &Metric) -> Row {
     };
     Row {
         name: metric.name.clone(),
+        title: metric.title.clone(),
         unit: if metric.unit == "1" { String::new() } else { metric.unit.to_owned() },
         cells: comparison.groups.iter().map(cell).collect(),
         better: match metric.family.better {

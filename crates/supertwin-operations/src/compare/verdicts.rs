@@ -12,6 +12,9 @@ use supertwin_lab::statistics::{Difference, Summary, mean};
 /// A metric of a group.
 #[derive(Debug, Serialize)]
 pub struct Row {
+    /// The metric with its title for people.
+    #[serde(skip)]
+    pub definition: &'static Metric,
     /// Its name.
     pub metric: String,
     /// Its unit, `1` for none.
@@ -28,15 +31,15 @@ pub struct Row {
 
 /// One list of rows per group, in the order of the metrics; the first group is the baseline.
 pub(super) fn rows(groups: &[Group], shown: &Selection) -> Vec<Vec<Row>> {
-    let metrics: Vec<&Metric> = shown.metrics().collect();
-    let jobs: Vec<(usize, &Metric)> =
+    let metrics: Vec<&'static Metric> = shown.metrics().collect();
+    let jobs: Vec<(usize, &'static Metric)> =
         (0..groups.len()).flat_map(|group| metrics.iter().map(move |metric| (group, *metric))).collect();
     let rows: Vec<Row> = jobs.par_iter().map(|(group, metric)| row(groups, *group, metric)).collect();
     let mut rows = rows.into_iter();
     groups.iter().map(|_| rows.by_ref().take(metrics.len()).collect()).collect()
 }
 
-fn row(groups: &[Group], number: usize, metric: &Metric) -> Row {
+fn row(groups: &[Group], number: usize, metric: &'static Metric) -> Row {
     let group = &groups[number];
     let values = group.runs.iter().filter_map(|run| run.values.get(&metric.name)).copied();
     let paper = group.facts.paper().and_then(|column| {
@@ -45,6 +48,7 @@ fn row(groups: &[Group], number: usize, metric: &Metric) -> Row {
         Some(table_iv(column)[at])
     });
     let mut row = Row {
+        definition: metric,
         metric: metric.name.clone(),
         unit: metric.unit,
         summary: Summary::of(values),

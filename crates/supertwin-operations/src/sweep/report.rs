@@ -8,8 +8,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
-use supertwin_core::signal::tracking::{QUANTITIES, Quantity};
-use supertwin_lab::paper::ROWS;
+use supertwin_lab::metrics::{self, Metric};
 use supertwin_lab::statistics::{self, Better, Difference, Interval, Summary, bootstrap_interval};
 use supertwin_lab::sweep::{Parameter, rank_correlation};
 
@@ -26,10 +25,9 @@ const LISTED: usize = 50;
 
 /// A score of the report.
 struct Score {
-    name: String,
+    metric: &'static Metric,
     label: String,
     digits: usize,
-    better: Better,
 }
 
 /// Groups of scores, each a table and a figure.
@@ -41,33 +39,24 @@ struct Chapter {
 }
 
 fn chapters() -> [Chapter; 3] {
-    let errors = |group: &str| {
-        let score = |(quantity, label): (&Quantity, &&str)| Score {
-            name: format!("{group}.{}", quantity.score),
-            label: (*label).to_owned(),
-            digits: 3,
-            better: Better::Lower,
-        };
-        QUANTITIES.iter().zip(ROWS.iter()).map(score).collect()
+    let score = |metric: &'static Metric, digits| Score { metric, label: metric.label(), digits };
+    let errors = |family: &str| {
+        let metrics = metrics::catalogue().iter().filter(|metric| metric.family.name == family);
+        metrics.map(|metric| score(metric, 3)).collect()
     };
     let cost = [
-        ("activity.surge", "Thrust activity surge [N/s]", 1, Better::Lower),
-        ("activity.sway", "Thrust activity sway [N/s]", 1, Better::Lower),
-        ("activity.heave", "Thrust activity heave [N/s]", 1, Better::Lower),
-        ("activity.yaw", "Thrust activity yaw [N m/s]", 2, Better::Lower),
-        ("sway_bias_in_travel_direction_m_per_s", "Sway bias in travel [m/s]", 3, Better::NearestTo(0.0)),
-        ("k1_end.heave", "k1 heave at the end", 1, Better::Neither),
+        ("activity.surge", 1),
+        ("activity.sway", 1),
+        ("activity.heave", 1),
+        ("activity.yaw", 2),
+        ("sway_bias_in_travel_direction_m_per_s", 3),
+        ("k1_end.heave", 1),
     ];
-    let cost = cost.map(|(name, label, digits, better)| Score {
-        name: name.to_owned(),
-        label: label.to_owned(),
-        digits,
-        better,
-    });
+    let cost = cost.into_iter().filter_map(|(name, digits)| Some(score(metrics::named(name)?, digits)));
     [
         Chapter { title: "Root-mean-square errors, measured", short: "measured", scores: errors("measured") },
         Chapter { title: "Root-mean-square errors, true", short: "true", scores: errors("true") },
-        Chapter { title: "What it cost", short: "cost", scores: cost.into() },
+        Chapter { title: "What it cost", short: "cost", scores: cost.collect() },
     ]
 }
 
@@ -171,7 +160,7 @@ pub(super) fn summaries(prepared: &Prepared, rows: &[Row]) -> Vec<Configured> {
         scores: chapters
             .iter()
             .flat_map(|chapter| &chapter.scores)
-            .filter_map(|score| Some((score.name.clone(), estimate(group, &score.name)?)))
+            .filter_map(|score| Some((score.metric.name.clone(), estimate(group, &score.metric.name)?)))
             .collect(),
     };
     groups(prepared, rows).par_iter().map(summary).collect()
@@ -282,7 +271,7 @@ impl Report {
             self.say(&format!("### {}", chapter.title));
             let estimates: Vec<Vec<Option<Estimate>>> = shown
                 .par_iter()
-                .map(|group| chapter.scores.iter().map(|score| estimate(group, &score.name)).collect())
+                .map(|group| chapter.scores.iter().map(|score| estimate(group, &score.metric.name)).collect())
                 .collect();
             let mut header = vec!["mean [interval]".to_owned(), "runs".to_owned()];
             header.extend(chapter.scores.iter().map(|score| score.label.clone()));
@@ -304,7 +293,7 @@ impl Report {
                         Some(IntervalRow {
                             label: group.label(&parameters),
                             colour: colour(group.controller),
-                            values: group.values(&score.name),
+                            values: group.values(&score.metric.name),
                             mean: estimate.summary.mean,
                             interval: estimate.interval.map(|interval| (interval.low, interval.high)),
                         })
@@ -371,16 +360,15 @@ impl Report {
         let mut header = vec![format!("against {}", base.label(parameters))];
         header.extend(others.iter().map(|group| group.label(parameters)));
         let chapters = chapters();
-        let scores: Vec<(&Chapter, &Score)> = chapters
+        let scores: Vec<&Score> = chapters
             .iter()
-            .flat_map(|chapter| chapter.scores.iter().map(move |score| (chapter, score)))
-            .filter(|(_, score)| score.better != Better::Neither)
+            .flat_map(|chapter| &chapter.scores)
+            .filter(|score| score.metric.family.better != Better::Neither)
             .collect();
         let rows: Vec<Vec<String>> = scores
             .par_iter()
-            .map(|(chapter, score)| {
-                let prefix = if chapter.short == "cost" { String::new() } else { format!("{}: ", chapter.short) };
-                let mut cells = vec![format!("{prefix}{}", score.label)];
+            .map(|score| {
+                let mut cells = vec![score.label.clone()];
                 cells.extend(others.iter().map(|other| {
                     let difference = difference(base, other, score);
                     difference.map_or_else(|| "–".to_owned(), |difference| told(&difference, score.digits))
@@ -413,14 +401,12 @@ impl Report {
                 header.extend(members.iter().map(|group| group.controller.to_owned()));
                 header.push("of".to_owned());
                 let mut rows = Vec::new();
-                for chapter in chapters().iter().take(2) {
-                    for score in &chapter.scores {
-                        let (counts, of) = wins(&members, &score.name);
-                        let mut cells = vec![format!("{}: {}", chapter.short, score.label)];
-                        cells.extend(counts.iter().map(usize::to_string));
-                        cells.push(of.to_string());
-                        rows.push(cells);
-                    }
+                for score in chapters().iter().take(2).flat_map(|chapter| &chapter.scores) {
+                    let (counts, of) = wins(&members, &score.metric.name);
+                    let mut cells = vec![score.label.clone()];
+                    cells.extend(counts.iter().map(usize::to_string));
+                    cells.push(of.to_string());
+                    rows.push(cells);
                 }
                 self.table(header, rows);
             }
@@ -471,7 +457,7 @@ impl Report {
                     .scores
                     .iter()
                     .map(|score| {
-                        let correlation = rank_correlation(&points(*i, controller, &score.name));
+                        let correlation = rank_correlation(&points(*i, controller, &score.metric.name));
                         correlation.map_or_else(|| "–".to_owned(), |correlation| format!("{correlation:+.2}"))
                     })
                     .collect();
@@ -492,7 +478,7 @@ impl Report {
                         .map(|controller| Series {
                             label: (*controller).to_owned(),
                             colour: colour(controller),
-                            points: points(*i, controller, &score.name),
+                            points: points(*i, controller, &score.metric.name),
                         })
                         .filter(|series| !series.points.is_empty())
                         .collect(),
@@ -574,11 +560,13 @@ fn difference(base: &Group<'_>, other: &Group<'_>, score: &Score) -> Option<Diff
     let keys: BTreeMap<(usize, u64), u64> = base.rows.keys().copied().zip(0..).collect();
     let values = |group: &Group<'_>| -> BTreeMap<u64, f64> {
         let rows = group.rows.iter();
-        rows.filter_map(|(key, row)| Some((*keys.get(key)?, *row.scores.get(&score.name)?))).collect()
+        rows.filter_map(|(key, row)| Some((*keys.get(key)?, *row.scores.get(&score.metric.name)?))).collect()
     };
-    let name =
-        format!("{} {} {} {} {} {}", base.trial, base.grid, base.controller, other.grid, other.controller, score.name);
-    Difference::of(&values(base), &values(other), score.better, &name)
+    let name = format!(
+        "{} {} {} {} {} {}",
+        base.trial, base.grid, base.controller, other.grid, other.controller, score.metric.name
+    );
+    Difference::of(&values(base), &values(other), score.metric.family.better, &name)
 }
 
 /// `+0.0212 [+0.0181, +0.0243] worse in 20 of 20`

@@ -1,9 +1,17 @@
 //! What does the control law do? The paper's figure 5, with what drives the gains and what comes of them.
 
+use super::Description;
 use super::views::{Canvas, Legend, all, only};
 use rerun::blueprint::{ContainerLike, Horizontal, Tabs, Vertical};
 
-pub(super) fn views(canvas: &mut Canvas) -> ContainerLike {
+pub(super) static DASHBOARD: Description = Description {
+    name: "adaptation",
+    about: "sliding variable, adaptive gains (figure 5), integrator, wrench, chattering",
+    suits: |_| true,
+    views: Some(views),
+};
+
+fn views(canvas: &mut Canvas) -> ContainerLike {
     let mut kinds: Vec<ContainerLike> = Vec::new();
     if canvas.about.has(&["gsta", "agsta"]) {
         kinds.push(super_twisting(canvas));
@@ -25,14 +33,14 @@ pub(super) fn views(canvas: &mut Canvas) -> ContainerLike {
 
 fn super_twisting(canvas: &mut Canvas) -> ContainerLike {
     let adaptive = canvas.about.has(&["agsta"]);
-    let band = if adaptive { ", ±α_tol" } else { "" };
+    let band = if adaptive { ", with ±α_tol" } else { "" };
     let sigma = [("surge", "m/s"), ("sway", "m/s"), ("heave", "m"), ("yaw", "rad")];
     let sigma = sigma.iter().enumerate().map(|(i, (axis, unit))| {
         let mut curves = vec![only("/controller/sigma", i, 4)];
         if adaptive {
             curves.push(all(&format!("/derived/alpha_tol/{axis}")));
         }
-        canvas.plot(&format!("σ {axis} [{unit}]{band}"), &curves, Legend::None)
+        canvas.plot(&format!("Sliding variable σ, {axis}{band} [{unit}]"), &curves, Legend::None)
     });
     let sigma: Vec<_> = sigma.collect();
     let constant = if adaptive { "" } else { ", constant" };
@@ -60,8 +68,8 @@ fn pid(canvas: &mut Canvas) -> ContainerLike {
         errors.iter().map(|&(name, i)| canvas.plot(name, &[only("/controller/error", i, 4)], Legend::None)).collect();
     let mut wide = |name: &str, path: &str| canvas.plot(name, &[all(path)], Legend::Beside(0.2));
     let integral = [
-        wide("PID: integral of the error [m, m s, rad s]", "/controller/integral"),
-        wide("PID: velocity error [m/s, rad/s]", "/controller/velocity_error"),
+        wide("Error integral [m, m s, rad s]", "/controller/integral"),
+        wide("Velocity error [m/s, rad/s]", "/controller/velocity_error"),
     ];
     let wrench = [
         wide("Requested wrench [N, N m]", "/controller/thrust/requested"),
@@ -74,7 +82,7 @@ fn pid(canvas: &mut Canvas) -> ContainerLike {
 
 /// A controller on the network steers, axis by axis, while the vehicle's own law waits.
 fn outside(canvas: &mut Canvas) -> ContainerLike {
-    let axes = canvas.lanes("Axes steered from outside", &["/derived/external/**"]);
-    let wrench = canvas.plot("Wrench from outside [N, N m]", &[all("/controller/wrench_request")], Legend::Beside(0.2));
-    Vertical::new([axes, wrench]).with_name("Adaptation: from outside").into()
+    let axes = canvas.lanes("Axes under external control", &["/derived/external/**"]);
+    let wrench = canvas.plot("External wrench [N, N m]", &[all("/controller/wrench_request")], Legend::Beside(0.2));
+    Vertical::new([axes, wrench]).with_name("Adaptation: external").into()
 }

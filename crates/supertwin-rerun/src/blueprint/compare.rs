@@ -1,12 +1,19 @@
-//! Which of several runs is better where? Scores, curves over each other, errors, differences, ways through the pen.
+//! Which of several runs is better where? Scores, curves over each other, errors, differences, paths.
 //!
 //! It depends on the names of the runs, so it stands only in files that [`mod@crate::merge`] writes.
 
-use super::About;
 use super::views::{Canvas, Curves, Legend};
+use super::{About, Description};
 use crate::merge::{AXES, QUANTITIES, Quantity};
 use rerun::blueprint::{ContainerLike, Grid, Horizontal, Vertical};
 use std::collections::BTreeMap;
+
+pub(super) static DASHBOARD: Description = Description {
+    name: "compare",
+    about: "several runs side by side; only files of `supertwin compare --out` have it, for their runs' names",
+    suits: |_| false,
+    views: None,
+};
 
 /// What there is to compare, and where it stands in the file.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -37,21 +44,35 @@ impl Compared {
     }
 }
 
-/// Names of the tabs.
-pub const TABS: [&str; 6] = ["scores", "curves", "errors", "true errors", "differences", "adaptation"];
+/// Its tabs.
+pub static TABS: [Tab; 6] = [
+    Tab { name: "scores", views: scores },
+    Tab { name: "curves", views: curves },
+    Tab { name: "errors", views: errors },
+    Tab { name: "true errors", views: true_errors },
+    Tab { name: "differences", views: differences },
+    Tab { name: "adaptation", views: adaptation },
+];
+
+/// A tab of the comparison.
+#[derive(Debug)]
+pub struct Tab {
+    /// Its name.
+    pub name: &'static str,
+    /// Draws it; `None` when nothing of it was recorded.
+    views: fn(&mut Canvas, &Compared) -> Option<ContainerLike>,
+}
 
 pub(super) fn tabs(canvas: &mut Canvas, compared: &Compared, only: Option<&str>) -> Vec<ContainerLike> {
-    let views: [fn(&mut Canvas, &Compared) -> Option<ContainerLike>; 6] =
-        [scores, curves, errors, true_errors, differences, adaptation];
-    let wanted = TABS.iter().zip(views).filter(|(name, _)| only.is_none_or(|only| only == **name));
-    wanted.filter_map(|(_, views)| views(canvas, compared)).collect()
+    let wanted = TABS.iter().filter(|tab| only.is_none_or(|only| only == tab.name));
+    wanted.filter_map(|tab| (tab.views)(canvas, compared)).collect()
 }
 
 fn scores(canvas: &mut Canvas, compared: &Compared) -> Option<ContainerLike> {
-    let mut left = vec![canvas.document("Who is better where", "/compare/scores/text")];
+    let mut left = vec![canvas.document("Scores and verdicts", "/compare/scores/text")];
     if compared.scene {
         left.push(canvas.picture(
-            "Ways through the pen",
+            "Paths",
             "/compare/scene",
             &["/compare/scene/**"],
             [-36.0, -36.0, -38.0],
@@ -63,7 +84,7 @@ fn scores(canvas: &mut Canvas, compared: &Compared) -> Option<ContainerLike> {
     let by_speed = [1_usize, 0, 2, 3, 4, 5].map(|i| QUANTITIES[i]);
     let there = by_speed.iter().find(|quantity| compared.plots.contains_key(&format!("rms/{}", quantity.name)));
     let key = there.map(|quantity| {
-        let title = format!("Colours, and {}: RMS error of 10 s [{}]", quantity.title.to_lowercase(), quantity.unit);
+        let title = format!("Legend; {}: RMS error over 10 s [{}]", quantity.title.to_lowercase(), quantity.unit);
         (format!("rms/{}", quantity.name), title)
     });
     let mut right = plots(canvas, compared, key);
@@ -88,37 +109,39 @@ fn curves(canvas: &mut Canvas, compared: &Compared) -> Option<ContainerLike> {
     let mut rows: Vec<ContainerLike> = vec![Grid::new(plots).with_grid_columns(2).into()];
     if !compared.lanes.is_empty() {
         let lanes: Vec<&str> = compared.lanes.iter().map(String::as_str).collect();
-        rows.push(canvas.lanes("Mode of guidance", &lanes));
+        rows.push(canvas.lanes("Guidance mode", &lanes));
     }
     Some(Vertical::new(rows).with_row_shares([6.0, 1.5]).with_name("Curves").into())
 }
 
 fn errors(canvas: &mut Canvas, compared: &Compared) -> Option<ContainerLike> {
-    let mut wanted = per_quantity("rms/", |title, unit| format!("{title}: RMS error of 10 s [{unit}]"));
+    let mut wanted = per_quantity("rms/", |title, unit| format!("{title}: RMS error over 10 s [{unit}]"));
     wanted.extend(per_quantity("error/", |title, unit| format!("{title} minus reference [{unit}]")));
     grid("Errors", 3, plots(canvas, compared, wanted))
 }
 
 fn true_errors(canvas: &mut Canvas, compared: &Compared) -> Option<ContainerLike> {
-    let wanted = per_quantity("true_rms/", |title, unit| format!("{title}: true RMS error of 10 s [{unit}]"));
+    let wanted = per_quantity("true_rms/", |title, unit| format!("{title}: true RMS error over 10 s [{unit}]"));
     grid("True errors", 2, plots(canvas, compared, wanted))
 }
 
 fn differences(canvas: &mut Canvas, compared: &Compared) -> Option<ContainerLike> {
     let baseline = compared.baseline.as_deref().unwrap_or("baseline");
-    let mut wanted = per_quantity("difference/rms_", |title, unit| {
-        format!("{title}: RMS minus {baseline}'s, below 0 is better [{unit}]")
-    });
-    wanted.extend(per_quantity("difference/", |title, unit| format!("{title} minus {baseline}'s [{unit}]")));
+    let mut wanted =
+        per_quantity("difference/rms_", |title, unit| format!("{title}: RMS error minus that of {baseline} [{unit}]"));
+    wanted.extend(per_quantity("difference/", |title, unit| format!("{title} minus that of {baseline} [{unit}]")));
     grid("Differences", 3, plots(canvas, compared, wanted))
 }
 
 fn adaptation(canvas: &mut Canvas, compared: &Compared) -> Option<ContainerLike> {
     let units = ["m/s", "m/s", "m", "rad"];
-    let sigma = AXES.iter().zip(units).map(|(axis, unit)| (format!("sigma/{axis}"), format!("σ {axis} [{unit}]")));
+    let sigma = AXES
+        .iter()
+        .zip(units)
+        .map(|(axis, unit)| (format!("sigma/{axis}"), format!("Sliding variable σ, {axis} [{unit}]")));
     let k1 = AXES.iter().map(|axis| {
         let unit = if *axis == "yaw" { "N m/√σ" } else { "N/√σ" };
-        (format!("k1/{axis}"), format!("k1 {axis} [{unit}]"))
+        (format!("k1/{axis}"), format!("Gain k1, {axis} [{unit}]"))
     });
     let plots = plots(canvas, compared, sigma.chain(k1));
     let columns = if plots.len() > 4 { 4 } else { 2 };

@@ -1,5 +1,6 @@
 //! Do the services keep up with each other? Only recordings made over the network know.
 
+use super::Description;
 use super::views::{Canvas, Legend, all, only};
 use crate::style;
 use rerun::blueprint::{ContainerLike, Horizontal, Vertical};
@@ -9,7 +10,14 @@ const SERVICES: [&str; 4] = ["plant", "estimator", "guidance", "controller"];
 /// Room for a legend in a narrow plot.
 const NARROW: Legend = Legend::Beside(0.5);
 
-pub(super) fn views(canvas: &mut Canvas) -> ContainerLike {
+pub(super) static DASHBOARD: Description = Description {
+    name: "link",
+    about: "ages, gaps, rates, step times and deadlines of the services; network recordings only",
+    suits: |about| about.network,
+    views: Some(views),
+};
+
+fn views(canvas: &mut Canvas) -> ContainerLike {
     let rate = SERVICES.iter().enumerate().map(|(i, service)| {
         let rate = only(&format!("/link/{service}/rate"), 0, 1);
         rate.in_color(style::palette(i)).called(service)
@@ -18,8 +26,8 @@ pub(super) fn views(canvas: &mut Canvas) -> ContainerLike {
     let whole = [
         canvas.plot("Rate [Hz]", &rate, NARROW),
         canvas.plot("Loop time, plant [µs]", &[all("/link/plant/loop_time")], NARROW),
-        canvas.plot("Gaps in the recording [ticks]", &[all("/link/recorder/gaps")], NARROW),
-        canvas.plot("Lag of the recorder [ms]", &[all("/link/recorder/lag")], Legend::None),
+        canvas.plot("Recording gaps [ticks]", &[all("/link/recorder/gaps")], NARROW),
+        canvas.plot("Recorder lag [ms]", &[all("/link/recorder/lag")], Legend::None),
     ];
     let mut row = |what: &str, path: &str, unit: &str| -> ContainerLike {
         let plots = SERVICES.iter().map(|service| {
@@ -28,12 +36,12 @@ pub(super) fn views(canvas: &mut Canvas) -> ContainerLike {
         Horizontal::new(plots.collect::<Vec<_>>()).into()
     };
     let step_time = row("Step time", "step_time", "µs");
-    let age = row("Age of inputs", "age", "ticks");
-    let transport = row("Transport", "transport", "ms");
+    let age = row("Input age", "age", "ticks");
+    let transport = row("Transport time", "transport", "ms");
     let counts = SERVICES.iter().map(|service| -> ContainerLike {
         // Only the first tab names the service: there is room for no more.
-        let first = format!("Deadlines, {service}");
-        let kinds = [(first.as_str(), "deadline"), ("Missing", "missing"), ("Refused", "refused")];
+        let first = format!("Deadlines, {service} [count]");
+        let kinds = [(first.as_str(), "deadline"), ("Missing [count]", "missing"), ("Refused [count]", "refused")];
         let plots = kinds.map(|(name, path)| canvas.plot(name, &[all(&format!("/link/{service}/{path}"))], NARROW));
         canvas.tabs(plots)
     });

@@ -1,15 +1,7 @@
 //! The dashboards: which curves stand where when a recording is opened.
 //!
-//! There is one file per dashboard here and one per dashboard in the folder `dashboards`; every recording carries all
-//! that suit it, as tabs.
-//!
-//! * `overview`: where is the vehicle, and what is it doing?
-//! * `tracking`: does it do what it should? The paper's figures 3, 4 and 6.
-//! * `adaptation`: what does the law do? The paper's figure 5.
-//! * `estimation`: does the vehicle know where it is?
-//! * `thrusters`: can the thrusters do what the law asks for?
-//! * `link`: do the services keep up? Only recordings over the network know.
-//! * `compare`: which of several runs is better where? It depends on their names, so it stands only in merged files.
+//! Each dashboard is one file here, which says what it answers, and one line of [`DASHBOARDS`]; each that suits any run is
+//! also one file in the folder `dashboards`. Every recording carries all that suit it, as tabs.
 
 mod adaptation;
 mod compare;
@@ -22,7 +14,7 @@ mod views;
 
 use crate::chunks::{Problem, text};
 use crate::{APPLICATION, COMPARISON};
-pub use compare::{Compared, TABS};
+pub use compare::{Compared, TABS, Tab};
 use rerun::StoreKind;
 use rerun::blueprint::{
     Blueprint, BlueprintActivation, BlueprintPanel, ContainerLike, SelectionPanel, Tabs, TimePanel,
@@ -35,8 +27,39 @@ use supertwin_core::{Property, RunHeader};
 use views::Canvas;
 pub use views::{Curves, View};
 
-/// Names of the dashboards, in the order of the tabs.
-pub const NAMES: [&str; 6] = ["overview", "tracking", "adaptation", "estimation", "thrusters", "link"];
+/// All dashboards, in the order of the tabs.
+pub static DASHBOARDS: [&Description; 7] = [
+    &overview::DASHBOARD,
+    &tracking::DASHBOARD,
+    &adaptation::DASHBOARD,
+    &estimation::DASHBOARD,
+    &thrusters::DASHBOARD,
+    &link::DASHBOARD,
+    &compare::DASHBOARD,
+];
+
+/// A dashboard as its own file declares it.
+#[derive(Debug)]
+pub struct Description {
+    /// Its name, and the name of its file.
+    pub name: &'static str,
+    /// What it answers, in one line.
+    pub about: &'static str,
+    /// Whether a run has what it shows.
+    suits: fn(&About) -> bool,
+    /// Draws it; `None` of the dashboard that depends on which runs are compared.
+    views: Option<fn(&mut Canvas) -> ContainerLike>,
+}
+
+impl Description {
+    /// The dashboard for a run; `None` of the one that depends on which runs are compared.
+    #[must_use]
+    pub fn dashboard(&self, about: &About) -> Option<Dashboard> {
+        let mut canvas = Canvas::new(about);
+        let root = self.views?(&mut canvas);
+        Some(Dashboard { application: APPLICATION, root, canvas })
+    }
+}
 
 /// Views in their places, with what Rerun's own builders can't say.
 #[derive(Debug)]
@@ -92,17 +115,15 @@ impl Dashboard {
     /// The dashboard with this name.
     #[must_use]
     pub fn named(name: &str, about: &About) -> Option<Self> {
-        let mut canvas = Canvas::new(about);
-        let root = tab(name, &mut canvas)?;
-        Some(Self { application: APPLICATION, root, canvas })
+        DASHBOARDS.iter().find(|described| described.name == name)?.dashboard(about)
     }
 
     /// All dashboards that suit a run, as tabs.
     #[must_use]
     pub fn all(about: &About) -> Self {
         let mut canvas = Canvas::new(about);
-        let names = NAMES.iter().filter(|name| **name != "link" || about.network);
-        let tabs: Vec<ContainerLike> = names.filter_map(|name| tab(name, &mut canvas)).collect();
+        let suiting = DASHBOARDS.iter().filter(|described| (described.suits)(about));
+        let tabs: Vec<ContainerLike> = suiting.filter_map(|described| Some(described.views?(&mut canvas))).collect();
         Self { application: APPLICATION, root: Tabs::new(tabs).with_active_tab("0").into(), canvas }
     }
 
@@ -125,35 +146,6 @@ impl Dashboard {
     pub fn views(&self) -> &[View] {
         &self.canvas.views
     }
-}
-
-/// What a dashboard answers, in one line.
-#[must_use]
-pub fn about(name: &str) -> Option<&'static str> {
-    Some(match name {
-        "overview" => "where the vehicle is and what it is doing: 3-D picture, modes, events",
-        "tracking" => "measured, wanted and true signals: the paper's figures 3, 4 and 6",
-        "adaptation" => "sliding variable, adaptive gains (figure 5), integrator, wrench, chattering",
-        "estimation" => "innovations with their gates, NIS, deviations, disturbance, beams, net plane",
-        "thrusters" => "commands, forces, saturation, requested against allocated wrench",
-        "compare" => {
-            "several runs side by side; only files of `supertwin compare --out` have it, for their runs' names"
-        }
-        "link" => "ages, gaps, rates, step times and deadlines of the services; network recordings only",
-        _ => return None,
-    })
-}
-
-fn tab(name: &str, canvas: &mut Canvas) -> Option<ContainerLike> {
-    Some(match name {
-        "overview" => overview::views(canvas),
-        "tracking" => tracking::views(canvas),
-        "adaptation" => adaptation::views(canvas),
-        "estimation" => estimation::views(canvas),
-        "thrusters" => thrusters::views(canvas),
-        "link" => link::views(canvas),
-        _ => return None,
-    })
 }
 
 /// The content of a `.rbl` file.
@@ -275,13 +267,19 @@ mod tests {
     #[test]
     fn the_files_in_the_folder_dashboards_are_those_that_would_be_written_now() {
         // Their identifiers are new every time, so they are compared by what they show.
-        for name in NAMES {
-            let path = format!(concat!(env!("CARGO_MANIFEST_DIR"), "/../../dashboards/{}.rbl"), name);
+        let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../../dashboards");
+        let mut written = BTreeSet::new();
+        for described in DASHBOARDS {
+            let about = About { network: true, ..About::default() };
+            let Some(dashboard) = described.dashboard(&about) else { continue };
+            let path = format!("{folder}/{}.rbl", described.name);
             let kept = titles(&std::fs::read(&path).unwrap());
-            let now = file(Dashboard::named(name, &About { network: true, ..About::default() }).unwrap()).unwrap();
             let advice = "supertwin dashboard --save dashboards --force";
-            assert_eq!(kept, titles(&now), "{path} is out of date: {advice}");
+            assert_eq!(kept, titles(&file(dashboard).unwrap()), "{path} is out of date: {advice}");
             assert!(!kept.is_empty());
+            written.insert(format!("{}.rbl", described.name));
         }
+        let there = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
+        assert_eq!(there.filter(|name| name.ends_with(".rbl")).collect::<BTreeSet<_>>(), written);
     }
 }

@@ -1,9 +1,17 @@
 //! Where is the vehicle, and what is it doing?
 
+use super::Description;
 use super::views::{Canvas, Legend, all};
 use rerun::blueprint::{ContainerLike, Horizontal, Vertical};
 
-pub(super) fn views(canvas: &mut Canvas) -> ContainerLike {
+pub(super) static DASHBOARD: Description = Description {
+    name: "overview",
+    about: "where the vehicle is and what it is doing: 3-D picture, modes, events",
+    suits: |_| true,
+    views: Some(views),
+};
+
+fn views(canvas: &mut Canvas) -> ContainerLike {
     // The origin moves with the vehicle, so that it stays in view wherever it goes.
     let vehicle = canvas.picture(
         "Vehicle: thrust (orange), current (cyan), DVL beams accepted (green), rejected (red)",
@@ -13,7 +21,7 @@ pub(super) fn views(canvas: &mut Canvas) -> ContainerLike {
         [0.9, 0.0, 0.1],
     );
     let pen = canvas.picture(
-        "Pen and path",
+        "Net pen and path",
         "/world",
         &["/world/net", "/world/path", "/world/vehicle", "/world/vehicle/marker"],
         [-36.0, -36.0, -38.0],

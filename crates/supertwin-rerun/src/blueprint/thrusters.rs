@@ -1,5 +1,6 @@
 //! Can the thrusters do what the law asks for?
 
+use super::Description;
 use super::views::{Canvas, Curves, Legend, all, only};
 use crate::style;
 use rerun::blueprint::{ContainerLike, Grid, Horizontal, Vertical};
@@ -8,39 +9,48 @@ const COMMAND: &str = "/controller/thrust/force";
 const DEMAND: &str = "/plant/thruster_demand";
 const FORCE: &str = "/plant/truth/thruster_force";
 
-pub(super) fn views(canvas: &mut Canvas) -> ContainerLike {
+pub(super) static DASHBOARD: Description = Description {
+    name: "thrusters",
+    about: "commands, forces, saturation, requested against allocated wrench",
+    suits: |_| true,
+    views: Some(views),
+};
+
+fn views(canvas: &mut Canvas) -> ContainerLike {
     let n = canvas.about.thrusters;
     let forces: ContainerLike = if n == 0 {
         // Which of them there are, only a recording knows.
         let mut force = |name: &str, path: &str| canvas.plot(name, &[all(path)], Legend::Beside(0.2));
         Horizontal::new([
-            force("Command per thruster [N]", COMMAND),
-            force("Demand at the propellers, after delay and dead band [N]", DEMAND),
-            force("Force per thruster [N]", FORCE),
+            force("Thruster commands [N]", COMMAND),
+            force("Thruster demands after delay and dead band [N]", DEMAND),
+            force("Thruster forces [N]", FORCE),
         ])
         .into()
     } else {
         let columns = n.div_ceil(2).max(3);
         let plots = (0..n).map(|i| {
-            let title = format!("Thruster {} [N]: red command, blue demand, green true", i + 1);
+            let title = format!("Thruster {}: red command, blue demand, green true [N]", i + 1);
             let [command, demand, force] = three([COMMAND, DEMAND, FORCE], i, n);
             canvas.plot(&title, &[command.broad(), demand, force], Legend::None)
         });
         Grid::new(plots.collect::<Vec<_>>()).with_grid_columns(columns as u32).into()
     };
-    let axes = ["Surge [N]", "Sway [N]", "Heave [N]", "Yaw [N m]"];
-    let wrench = axes.iter().enumerate().map(|(i, axis)| {
+    let axes = [("Surge", "N"), ("Sway", "N"), ("Heave", "N"), ("Yaw", "N m")];
+    let wrench = axes.iter().enumerate().map(|(i, (axis, unit))| {
         let of = ["/controller/thrust/requested", "/controller/thrust/allocated", "/plant/truth/wrench"];
-        let [asked, allocated, real] = three(of, i, 4);
-        let curves = [asked, allocated.broad(), real];
-        canvas.plot(&format!("{axis}: red asked, blue allocated, green true"), &curves, Legend::None)
+        let [requested, allocated, real] = three(of, i, 4);
+        let curves = [requested, allocated.broad(), real];
+        canvas.plot(&format!("{axis}: red requested, blue allocated, green true [{unit}]"), &curves, Legend::None)
     });
     let wrench: Vec<_> = wrench.collect();
-    let share = canvas.plot("Largest command, of its limit [%]", &[all("/derived/thrust_share")], Legend::None);
-    let limited = canvas.plot("Saturated, of the last second [%]", &[all("/derived/limited")], Legend::Beside(0.4));
-    let neutral = canvas.lanes("Why there is no thrust", &["/derived/neutral/**"]);
+    let share =
+        canvas.plot("Largest command as a share of its limit [%]", &[all("/derived/thrust_share")], Legend::None);
+    let limited =
+        canvas.plot("Share of the last second saturated [%]", &[all("/derived/limited")], Legend::Beside(0.4));
+    let neutral = canvas.lanes("Neutral thrust", &["/derived/neutral/**"]);
     let counts = ["/controller/non_finite", "/derived/pings_lost", "/derived/refused"].map(all);
-    let counts = canvas.plot("Refused, lost [count]", &counts, Legend::Beside(0.55));
+    let counts = canvas.plot("Refused and lost measurements [count]", &counts, Legend::Beside(0.55));
     let withheld = canvas.plot("Withheld messages [count]", &[all("/link/withheld")], Legend::Beside(0.7));
     let rows = [
         forces,

@@ -19,8 +19,10 @@ pub struct Scores {
 /// One metric.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Row {
-    /// Such as `Sway error, RMS`.
+    /// Its place in the recording, such as `measured.sway_m_per_s`.
     pub name: String,
+    /// What people read, such as `Sway, measured RMS error`.
+    pub title: String,
     /// Its unit; empty when it has none.
     pub unit: String,
     /// One per group, in their order; `None` where it can't be said.
@@ -73,15 +75,15 @@ impl Row {
         if best.len() == worths.iter().flatten().count() { Vec::new() } else { best }
     }
 
-    /// Its name with its unit.
+    /// Its title with its unit.
     fn heading(&self) -> String {
-        if self.unit.is_empty() { self.name.clone() } else { format!("{} [{}]", self.name, self.unit) }
+        if self.unit.is_empty() { self.title.clone() } else { format!("{} [{}]", self.title, self.unit) }
     }
 
     /// The title of its chart: who is best first, as long titles are cut off.
-    pub(super) fn title(&self, labels: &[Label]) -> String {
+    pub(super) fn chart_title(&self, labels: &[Label]) -> String {
         let best: Vec<&str> = self.best().into_iter().filter_map(|i| labels.get(i)).map(|label| &*label.name).collect();
-        if best.is_empty() { self.heading() } else { format!("{} best: {}", best.join(", "), self.name) }
+        if best.is_empty() { self.heading() } else { format!("{} best: {}", best.join(", "), self.title) }
     }
 }
 
@@ -119,7 +121,7 @@ pub(super) fn markdown(scores: &Scores, labels: &[Label], after: &str) -> String
         text += "\n";
     }
     if !scores.verdicts.is_empty() {
-        text += "# Who is better\n\n";
+        text += "# Verdicts\n\n";
         scores.verdicts.iter().for_each(|verdict| text += &format!("- {}\n", verdict.trim()));
         text += "\n";
     }
@@ -165,7 +167,8 @@ mod tests {
 
     fn row(values: &[Option<f64>], better: Better) -> Row {
         let cells = values.iter().map(|value| value.map(|value| Cell { value, plus_minus: None })).collect();
-        Row { name: "Sway".to_owned(), unit: "m/s".to_owned(), cells, better, chart: true }
+        let (name, title, unit) = ("sway".to_owned(), "Sway".to_owned(), "m/s".to_owned());
+        Row { name, title, unit, cells, better, chart: true }
     }
 
     fn labels() -> Vec<Label> {
@@ -195,11 +198,11 @@ mod tests {
         scores.rows[0].cells[1].as_mut().unwrap().plus_minus = Some(0.5);
         let text = markdown(&scores, &labels(), "The end.");
         assert!(text.starts_with("# Scores\n\n|  | a |"), "{text}");
-        assert!(text.contains("\n\n# Who is better\n\n- a is better\n"), "{text}");
+        assert!(text.contains("\n\n# Verdicts\n\n- a is better\n"), "{text}");
         assert!(text.contains("|  | a | b\\|c | d |\n|---|---|---|---|\n"), "{text}");
         assert!(text.contains("| Sway [m/s] | **0.050** | 12.3 ± 0.500 | – |\n"), "{text}");
         assert!(text.ends_with("They differ.\n\nThe end."), "{text}");
-        assert_eq!(scores.rows[0].title(&labels()), "a best: Sway");
+        assert_eq!(scores.rows[0].chart_title(&labels()), "a best: Sway");
         assert_eq!(bars(&scores.rows[0], &labels()).unwrap().len(), 2);
     }
 }

@@ -338,7 +338,7 @@ impl<'a> Drawing<'a> {
         for row in self.merge.scores.rows.iter().filter(|row| row.chart) {
             let bars = scores::bars(row, &self.labels)?;
             let entities = bars.iter().map(|bar| bar.entity_path().to_string()).collect();
-            self.compared.bars.push((row.title(&self.labels), entities));
+            self.compared.bars.push((row.chart_title(&self.labels), entities));
             self.jobs.extend(bars.into_iter().map(Job::Chunk));
         }
         Ok(())

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use supertwin_operations::OperationError;
 use supertwin_operations::save;
-use supertwin_rerun::blueprint::{self, About, Dashboard, NAMES};
+use supertwin_rerun::blueprint::{self, About, DASHBOARDS, Dashboard, Description};
 
 /// Arguments of `dashboard`.
 #[derive(Debug, Args)]
@@ -54,48 +54,33 @@ pub(crate) struct DashboardArguments {
 
 /// One dashboard in the JSON array of `--json`.
 #[derive(Debug, Serialize)]
-struct Listed<'a> {
-    name: &'a str,
-    about: &'a str,
+struct Listed {
+    name: &'static str,
+    about: &'static str,
     /// Titles of its views.
     views: Vec<String>,
     #[serde(skip_serializing_if = "Option::is_none")]
     file: Option<PathBuf>,
 }
 
-/// The dashboard that no file of its own can hold.
-const COMPARE: &str = "compare";
-
-fn compare() -> Listed<'static> {
-    Listed { name: COMPARE, about: blueprint::about(COMPARE).unwrap_or_default(), views: Vec::new(), file: None }
-}
-
-/// Does it.
+/// Lists dashboards, or writes their files.
 pub(crate) fn dashboard(arguments: &DashboardArguments) -> Result<ExitCode, OperationError> {
     let about = About { span_s: arguments.span, laws: arguments.law.clone(), network: true, ..About::default() };
-    let names: Vec<&str> =
-        if arguments.names.is_empty() { NAMES.into() } else { arguments.names.iter().map(String::as_str).collect() };
     let mut listed = Vec::new();
-    for name in names {
-        if name == COMPARE && arguments.save.is_some() {
-            let why = "depends on the runs that it compares; `supertwin compare RUN RUN… --out FILE.rrd` writes it";
-            return Err(OperationError::Option(format!("{name}: {why}")));
-        }
-        if name == COMPARE {
-            listed.push(compare());
-            continue;
-        }
-        let unknown = || OperationError::Option(format!("{name}: is no dashboard; there are {}", NAMES.join(", ")));
-        let dashboard = Dashboard::named(name, &about).ok_or_else(unknown)?;
-        let views = dashboard.views().iter().map(|view| view.name.clone()).collect();
-        let file = match &arguments.save {
-            Some(folder) => Some(save_to(folder, dashboard, name, arguments.force)?),
-            None => None,
+    for described in chosen(&arguments.names)? {
+        let dashboard = described.dashboard(&about);
+        let views = dashboard.iter().flat_map(Dashboard::views).map(|view| view.name.clone()).collect();
+        let file = match (&arguments.save, dashboard) {
+            (None, _) => None,
+            (Some(folder), Some(dashboard)) => Some(save_to(folder, dashboard, described.name, arguments.force)?),
+            (Some(_), None) if arguments.names.is_empty() => continue,
+            (Some(_), None) => {
+                let cause =
+                    "depends on the runs that it compares; `supertwin compare RUN RUN… --out FILE.rrd` writes it";
+                return Err(OperationError::Option(format!("{}: {cause}", described.name)));
+            }
         };
-        listed.push(Listed { name, about: blueprint::about(name).unwrap_or_default(), views, file });
-    }
-    if arguments.names.is_empty() && arguments.save.is_none() {
-        listed.push(compare());
+        listed.push(Listed { name: described.name, about: described.about, views, file });
     }
     if arguments.json {
         let text = serde_json::to_string_pretty(&listed)
@@ -110,6 +95,19 @@ pub(crate) fn dashboard(arguments: &DashboardArguments) -> Result<ExitCode, Oper
         }
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// The dashboards with these names; without names, all.
+fn chosen(names: &[String]) -> Result<Vec<&'static Description>, OperationError> {
+    if names.is_empty() {
+        return Ok(DASHBOARDS.to_vec());
+    }
+    let named = |name: &String| {
+        let all = DASHBOARDS.map(|described| described.name).join(", ");
+        let found = DASHBOARDS.into_iter().find(|described| described.name == name);
+        found.ok_or_else(|| OperationError::Option(format!("{name}: is no dashboard; there are {all}")))
+    };
+    names.iter().map(named).collect()
 }
 
 fn save_to(folder: &Path, dashboard: Dashboard, name: &str, force: bool) -> Result<PathBuf, OperationError> {

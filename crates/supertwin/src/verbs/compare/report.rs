@@ -95,8 +95,7 @@ fn means(comparison: &Comparison, shown: &Selection, markdown: bool) -> String {
         if rows().all(|row| row.summary.is_none()) {
             continue;
         }
-        let unit = if metric.unit == "1" { String::new() } else { format!(" [{}]", metric.unit) };
-        let mut cells = vec![metric.name.clone() + &unit];
+        let mut cells = vec![metric.label()];
         for (row, paper) in rows().zip(&papers) {
             if *paper {
                 cells.push(row.paper.map_or_else(String::new, |value| format!("{value:.3}")));
@@ -125,7 +124,7 @@ fn against(group: &GroupReport, markdown: bool) -> String {
     let mut table = table(vec!["metric".to_owned(), "verdict, difference and its 95 % interval".to_owned()], markdown);
     for row in &group.metrics {
         if let Some(verdict) = &row.verdict {
-            table.add_row([row.metric.clone(), verdict.clone()]);
+            table.add_row([row.definition.label(), verdict.clone()]);
         }
     }
     format!("{}\n{table}", glance(group))
