@@ -8,61 +8,69 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::sync::OnceLock;
+use supertwin_core::block::SERVICES;
+use supertwin_core::message::{Message, Nav, Thrust};
 use supertwin_core::run::{Properties, Scene, ThrusterPlace};
-use supertwin_core::{Observe, Probe, Property, RunHeader, RunSink, Signal, Tick};
+use supertwin_core::signal::link::{self, Account};
+use supertwin_core::signal::{
+    controller, estimator, guidance, measurements, nav, plant, reference, thrust, truth, wrench_request,
+};
+use supertwin_core::{Observe, Probe, Property, RunHeader, RunSink, RunSource, Signal, Tick};
 use supertwin_lab::{Library, metrics, trial};
 use supertwin_rerun::blueprint::{self, About, DASHBOARDS, Dashboard, TABS, View};
 use supertwin_rerun::merge::{Better, Cell, Row, Scores};
-use supertwin_rerun::{Merge, Merged, MergedRun, Options, Recording, RerunSink, merge, read, read_selected, style};
+use supertwin_rerun::{
+    Merge, Merged, MergedRun, Options, Recording, RerunSink, merge, read, read_selected, signals, style,
+};
 
 /// Signals that no dashboard shows, and why.
-const NOT_SHOWN: [(&str, &str); 26] = [
-    ("estimator/nav/pose", "is `measured` in tracking/*"),
-    ("estimator/nav/velocity", "is `measured` in tracking/*"),
-    ("estimator/nav/net", "is `measured` in tracking/*"),
-    ("guidance/reference/velocity", "is `reference` in tracking/*"),
-    ("guidance/reference/depth", "is `reference` in tracking/*"),
-    ("guidance/reference/heading", "is `reference` in tracking/*"),
-    ("guidance/reference/setpoint", "is `reference` in tracking/*"),
-    ("plant/truth/pose", "is `true` in tracking/*, and moves the vehicle in the picture"),
-    ("plant/truth/velocity", "is `true` in tracking/*"),
-    ("plant/truth/net", "is `true` in tracking/*"),
-    ("plant/truth/current", "is an arrow in the picture"),
-    ("plant/truth/water_velocity", "is the current, an arrow in the picture, and the waves"),
-    ("guidance/line_of_sight", "is the reference before its filter"),
-    ("guidance/target", "is the reference before its filter"),
-    ("estimator/innovation/dvl", "is in derived/innovation and derived/nis"),
-    ("estimator/innovation/depth", "is in derived/innovation and derived/nis"),
-    ("estimator/innovation/heading", "is in derived/innovation and derived/nis"),
-    ("estimator/innovation/yaw_rate", "is in derived/innovation and derived/nis"),
-    ("estimator/nav/variance", "is the square of derived/std"),
-    ("estimator/nav/health", "is in derived/health"),
-    ("estimator/counters", "is in derived/refused"),
-    ("estimator/net_plane/accepted", "colours the beams in the picture, and is in derived/beams_used"),
-    ("controller/thrust/limited", "is in derived/limited"),
-    ("controller/thrust/emergency_neutral", "is in derived/neutral"),
-    ("controller/phi1", "is a function of sigma"),
-    ("controller/phi2", "is a function of sigma"),
+static NOT_SHOWN: [(&Signal, &str); 26] = [
+    (&nav::POSE, "is `measured` in tracking/*"),
+    (&nav::VELOCITY, "is `measured` in tracking/*"),
+    (&nav::NET, "is `measured` in tracking/*"),
+    (&reference::VELOCITY, "is `reference` in tracking/*"),
+    (&reference::DEPTH, "is `reference` in tracking/*"),
+    (&reference::HEADING, "is `reference` in tracking/*"),
+    (&reference::SETPOINT, "is `reference` in tracking/*"),
+    (&truth::POSE, "is `true` in tracking/*, and moves the vehicle in the picture"),
+    (&truth::VELOCITY, "is `true` in tracking/*"),
+    (&truth::NET, "is `true` in tracking/*"),
+    (&truth::CURRENT, "is an arrow in the picture"),
+    (&truth::WATER_VELOCITY, "is the current, an arrow in the picture, and the waves"),
+    (&guidance::LINE_OF_SIGHT, "is the reference before its filter"),
+    (&guidance::TARGET, "is the reference before its filter"),
+    (&estimator::INNOVATION_DVL, "is in derived/innovation and derived/nis"),
+    (&estimator::INNOVATION_DEPTH, "is in derived/innovation and derived/nis"),
+    (&estimator::INNOVATION_HEADING, "is in derived/innovation and derived/nis"),
+    (&estimator::INNOVATION_YAW_RATE, "is in derived/innovation and derived/nis"),
+    (&nav::VARIANCE, "is the square of derived/std"),
+    (&nav::HEALTH, "is in derived/health"),
+    (&estimator::COUNTERS, "is in derived/refused"),
+    (&estimator::NET_PLANE_ACCEPTED, "colours the beams in the picture, and is in derived/beams_used"),
+    (&thrust::LIMITED, "is in derived/limited"),
+    (&thrust::EMERGENCY_NEUTRAL, "is in derived/neutral"),
+    (&controller::PHI1, "is a function of sigma"),
+    (&controller::PHI2, "is a function of sigma"),
 ];
 
 /// More of these: what goes into a signal that is shown.
-const INGREDIENTS: [(&str, &str); 16] = [
-    ("plant/measurements/dvl_velocity", "is the estimate plus the innovation"),
-    ("plant/measurements/dvl_taken_at", "is the time of the ping; the latency is not estimated"),
-    ("plant/measurements/depth_taken_at", "is the time of the reading; the latency is not estimated"),
-    ("plant/measurements/heading_taken_at", "is the time of the reading; the latency is not estimated"),
-    ("plant/measurements/yaw_rate_taken_at", "is the time of the reading; the latency is not estimated"),
-    ("plant/measurements/depth", "is the estimate plus the innovation"),
-    ("plant/measurements/heading", "is the estimate plus the innovation"),
-    ("plant/measurements/yaw_rate", "is the estimate plus the innovation"),
-    ("estimator/nav/acceleration", "is what the filter's model makes of the wrench"),
-    ("estimator/net_plane/fit", "is `measured` in tracking/distance"),
-    ("estimator/net_plane/state", "is `measured` in tracking/distance, as inverse ranges"),
-    ("plant/health", "is in derived/neutral and derived/pings_lost"),
-    ("controller/error", "is measured minus reference in tracking/*"),
-    ("controller/velocity_error", "is measured minus reference in tracking/*"),
-    ("controller/acceleration_error", "only goes into sigma of the literal surface"),
-    ("controller/surface_acceleration", "is sigma minus the error"),
+static INGREDIENTS: [(&Signal, &str); 16] = [
+    (&measurements::dvl::VELOCITY, "is the estimate plus the innovation"),
+    (&measurements::dvl::TAKEN_AT, "is the time of the ping; the latency is not estimated"),
+    (&measurements::depth::TAKEN_AT, "is the time of the reading; the latency is not estimated"),
+    (&measurements::compass::TAKEN_AT, "is the time of the reading; the latency is not estimated"),
+    (&measurements::gyro::TAKEN_AT, "is the time of the reading; the latency is not estimated"),
+    (&measurements::depth::DEPTH, "is the estimate plus the innovation"),
+    (&measurements::compass::HEADING, "is the estimate plus the innovation"),
+    (&measurements::gyro::YAW_RATE, "is the estimate plus the innovation"),
+    (&nav::ACCELERATION, "is what the filter's model makes of the wrench"),
+    (&estimator::NET_PLANE_FIT, "is `measured` in tracking/distance"),
+    (&estimator::NET_PLANE_STATE, "is `measured` in tracking/distance, as inverse ranges"),
+    (&plant::HEALTH, "is in derived/neutral and derived/pings_lost"),
+    (&controller::ERROR, "is measured minus reference in tracking/*"),
+    (&controller::VELOCITY_ERROR, "is measured minus reference in tracking/*"),
+    (&controller::ACCELERATION_ERROR, "only goes into sigma of the literal surface"),
+    (&controller::SURFACE_ACCELERATION, "is sigma minus the error"),
 ];
 
 /// Trials that between them have every law and both net planes.
@@ -96,48 +104,44 @@ fn overwrite() -> Options {
 }
 
 fn about(recording: &Recording) -> About {
-    let thrusters = recording.signals.get("controller/thrust/force").map_or(0, |force| force.width);
+    let thrusters = recording.signal(&thrust::FORCE).map_or(0, |force| force.width);
     let scene = Scene { thrusters: vec![ThrusterPlace::default(); thrusters], ..Scene::default() };
     About::run(&RunHeader { properties: recording.properties["run"].clone(), scene, ..RunHeader::default() })
 }
 
-macro_rules! link_signals {
-    ($($service:literal),*) => {
-        [$([
-            signal(concat!("link/", $service, "/step_time"), &["median", "p99", "max"], &["µs"]),
-            signal(concat!("link/", $service, "/rate"), &[], &["Hz"]),
-            signal(concat!("link/", $service, "/deadline"), &["misses", "skipped", "by_timer", "late_triggers"], &["count"]),
-            signal(
-                concat!("link/", $service, "/refused"),
-                &["refused", "overflow", "telemetry_dropped", "letters_dropped", "not_finite"],
-                &["count"],
-            ),
-            signal(concat!("link/", $service, "/age"), &["estimator/nav", "controller/thrust"], &["ticks"]),
-            signal(concat!("link/", $service, "/transport"), &["estimator/nav", "controller/thrust"], &["ms"]),
-            signal(concat!("link/", $service, "/missing"), &["estimator/nav", "controller/thrust"], &["count"]),
-        ]),*]
-    };
+/// The accounts of the services and of the recorder.
+fn link_signals() -> &'static [&'static Signal] {
+    static MADE: OnceLock<Vec<&Signal>> = OnceLock::new();
+    MADE.get_or_init(|| {
+        const WIRES: &[&str] = &[Nav::KEY, Thrust::KEY];
+        let one = |account: &Account, service: &str| -> &'static Signal {
+            let per_wire = [&link::AGE, &link::TRANSPORT, &link::MISSING].map(|account| account.name);
+            let components = if per_wire.contains(&account.name) { WIRES } else { account.components };
+            let path: &str = Box::leak(account.path(service).into_boxed_str());
+            let units = Box::leak(Box::new([account.unit]));
+            Box::leak(Box::new(Signal { path, components, units, about: account.about }))
+        };
+        let of_each = [
+            &link::STEP_TIME,
+            &link::RATE,
+            &link::DEADLINE,
+            &link::REFUSED,
+            &link::AGE,
+            &link::TRANSPORT,
+            &link::MISSING,
+        ];
+        let all = SERVICES.iter().flat_map(|service| of_each.map(|account| one(account, service)));
+        all.chain([one(&link::LOOP_TIME, SERVICES[0]), &link::GAPS, &link::LAG]).collect()
+    })
 }
-
-const fn signal(path: &'static str, components: &'static [&'static str], units: &'static [&'static str]) -> Signal {
-    Signal { path, components, units, about: "" }
-}
-
-static LINK: [[Signal; 7]; 4] = link_signals!("plant", "estimator", "guidance", "controller");
-static RECORDER: [Signal; 3] = [
-    signal("link/plant/loop_time", &["median", "p99", "max"], &["µs"]),
-    signal("link/recorder/gaps", &["plant", "estimator", "guidance", "controller"], &["count"]),
-    signal("link/recorder/lag", &[], &["ms"]),
-];
 
 /// What the network adds to a recording, once a second, with numbers that are told apart in a picture.
 struct Network;
 
 impl Observe for Network {
     fn observe<P: Probe>(&self, probe: &mut P) {
-        for signal in LINK.iter().flatten().chain(&RECORDER) {
-            let n = signal.components.len().max(1);
-            probe.vector(signal, &(0..n).map(|i| 10.0 + 5.0 * i as f64).collect::<Vec<_>>());
+        for signal in link_signals() {
+            probe.vector(signal, &(0..signal.width()).map(|i| 10.0 + 5.0 * i as f64).collect::<Vec<_>>());
         }
     }
 }
@@ -201,7 +205,7 @@ fn every_view_finds_what_it_names_in_a_recording_of_its_kind() {
 
 #[test]
 fn every_signal_is_in_a_dashboard_or_has_a_reason_not_to_be() {
-    let reasons: BTreeSet<&str> = NOT_SHOWN.iter().chain(&INGREDIENTS).map(|(path, _)| *path).collect();
+    let reasons: BTreeSet<&str> = NOT_SHOWN.iter().chain(&INGREDIENTS).map(|(signal, _)| signal.path).collect();
     let mut needed = BTreeSet::new();
     let network = network_recording();
     let all = recordings().iter().map(|(name, made)| (*name, made)).chain([("network", &network)]);
@@ -243,7 +247,8 @@ fn a_law_has_the_plots_that_it_can_fill() {
     let about = About { laws: vec!["external".to_owned(), "pid".to_owned()], network: true, ..About::default() };
     let dashboard = Dashboard::named("adaptation", &about).unwrap();
     let paths: Vec<&str> = dashboard.views().iter().flat_map(|view| &view.entities).map(String::as_str).collect();
-    assert!(paths.contains(&"/controller/wrench_request") && paths.contains(&"/derived/external/**"));
+    let shows = |signal: &Signal| paths.iter().any(|path| matches(path, signal.path));
+    assert!(shows(&wrench_request::WRENCH_REQUEST) && shows(&signals::EXTERNAL_SURGE));
 }
 
 /// One curve that a plot must show.

@@ -257,15 +257,16 @@ static CATALOGUE: LazyLock<Vec<Metric>> = LazyLock::new(|| {
     FAMILIES.iter().flat_map(of).collect()
 });
 
-/// A family's title with what the item is of, which is the item's name without the unit.
+/// A family's title with what the item is of: a tracked quantity, or its own name.
 fn title(family: &Family, item: &str) -> String {
-    let of = match item.split('_').next().unwrap_or_default() {
-        _ if item == "yaw_rate" => "yaw rate",
-        "distance" => "distance to net",
-        "speed" => "total speed",
-        "p99" => "99th percentile",
-        "max" => "maximum",
-        word => word,
+    let word = item.split('_').next().unwrap_or_default();
+    let tracked = |quantity: &&tracking::Quantity| item != word && quantity.score.split('_').next() == Some(word);
+    let of = match (tracking::QUANTITIES.iter().find(tracked), item) {
+        (Some(quantity), _) => quantity.title,
+        (None, "yaw_rate") => "yaw rate",
+        (None, "p99") => "99th percentile",
+        (None, "max") => "maximum",
+        _ => word,
     };
     let title = family.title.replace("{}", of);
     title[..1].to_uppercase() + &title[1..]

@@ -8,6 +8,7 @@ use rerun::log::{Chunk, ChunkId, RowId};
 use rerun::time::{TimePoint, Timeline};
 use rerun::{AsComponents, EntityPath, SerializedComponentBatch, SerializedComponentColumn, TimeColumn};
 use std::sync::Arc;
+use supertwin_core::Signal;
 
 /// Why a chunk can't be built: always a defect of the caller, and still no reason to lose the rest of the run.
 pub(crate) type Problem = String;
@@ -88,6 +89,11 @@ pub(crate) struct Rows {
 }
 
 impl Rows {
+    /// Whether these rows of `shown` are those of `signal`: a recorder has signals of its own with the same paths.
+    pub(crate) fn are_of(&self, shown: &Signal, signal: &Signal) -> bool {
+        shown.path == signal.path && self.width == signal.width()
+    }
+
     pub(crate) fn into_chunk(self) -> Result<Chunk, Problem> {
         let array = Arc::new(Float64Array::from(self.values));
         let column = SerializedComponentBatch::new(array, rerun::Scalars::descriptor_scalars())

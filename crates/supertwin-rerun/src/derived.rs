@@ -1,13 +1,14 @@
 //! Signals that no block shows, computed from those that are shown while they are written: what the dashboards need.
 //!
-//! All of them are below `derived/`, and none is needed to repeat or to score a run.
+//! All of them are declared in [`crate::signals`].
 
 use crate::chunks::{Problem, Rows, Times, columns, fixed};
-use crate::style;
+use crate::{signals, style};
 use rerun::log::Chunk;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use supertwin_core::Signal;
-use supertwin_core::run::{Limits, Scene};
+use supertwin_core::run::{Limits, NisGates, Scene};
+use supertwin_core::signal::{Component, controller, estimator, nav, plant, thrust};
 
 /// What changes slowly is written at every so many ticks.
 const EVERY: i64 = 5;
@@ -18,106 +19,124 @@ const SETTLED_NS: i64 = 1_000_000_000;
 /// Beside an innovation whose sensor has no gate.
 const BOUND_STD: f64 = 3.0;
 
-const AXES: &[&str] = &["surge", "sway", "heave", "yaw"];
+/// A sensor's gate on the normalised innovation squared, if it has one.
+type Gate = fn(&NisGates) -> Option<f64>;
 
-macro_rules! signals {
-    ($($name:ident = $path:literal $components:expr, $units:expr, $about:literal;)*) => {
-        $(static $name: Signal =
-            Signal { path: concat!("derived/", $path), components: $components, units: $units, about: $about };)*
+/// An innovation, its predicted standard deviation, and the signal that shows it between its bounds.
+struct Innovation {
+    value: Component,
+    std: Component,
+    gate: Gate,
+    gated: &'static Signal,
+    /// The same of a sensor without a gate.
+    ungated: Signal,
+}
+
+const fn innovation(
+    from: &'static Signal,
+    value: &'static str,
+    std: &'static str,
+    gate: Gate,
+    gated: &'static Signal,
+) -> Innovation {
+    let ungated = Signal {
+        path: gated.path,
+        components: &["innovation", "3 σ", "3 σ"],
+        units: gated.units,
+        about: "innovation between three standard deviations",
     };
+    Innovation { value: from.at(value), std: from.at(std), gate, gated, ungated }
 }
 
-signals! {
-    CHATTERING = "chattering" AXES, &["N/s", "N/s", "N/s", "N m/s"],
-        "total variation of the requested wrench over the last second";
-    LIMITED = "limited" AXES, &["%"], "part of the last second in which allocation changed the wrench";
-    THRUST_SHARE = "thrust_share" &[], &["%"], "largest thruster command as a share of its limit";
-    BEAMS_USED = "beams_used" &[], &["count"], "beams of the last ping that the estimator used";
-    PINGS_LOST = "pings_lost" &[], &["count"], "pings that the DVL lost";
-    REFUSED = "refused" &["gated", "restarts"], &["count"], "measurements refused by their gates, restarts of the filter";
-    STD_POSE = "std/pose" &["depth", "heading"], &["m", "rad"], "standard deviation of the estimates";
-    STD_VELOCITY = "std/velocity" AXES, &["m/s", "m/s", "m/s", "rad/s"], "standard deviation of the estimates";
-    STD_DISTURBANCE = "std/disturbance" AXES, &["N", "N", "N", "N m"], "standard deviation of the estimates";
-    NIS_DVL = "nis/dvl" &["surge", "sway", "heave", "gate"], &["1"], "normalised innovations squared";
-    NIS_DEPTH = "nis/depth" &["depth", "gate"], &["1"], "normalised innovation squared";
-    NIS_HEADING = "nis/heading" &["heading", "gate"], &["1"], "normalised innovation squared";
-    NIS_YAW_RATE = "nis/yaw_rate" &["yaw rate", "gate"], &["1"], "normalised innovation squared";
-}
+const DVL: Gate = |gates| gates.dvl;
+const DEPTH: Gate = |gates| gates.depth;
+const HEADING: Gate = |gates| gates.heading;
+const YAW_RATE: Gate = |gates| gates.yaw_rate;
 
-/// `[innovation, gate, −gate]`; the second form is for sensors without a gate.
-macro_rules! innovations {
-    ($($path:literal $unit:literal),*) => {
-        [$([
-            &Signal {
-                path: concat!("derived/innovation/", $path),
-                components: &["innovation", "gate", "gate"],
-                units: &[$unit],
-                about: "innovation between its gates",
-            },
-            &Signal {
-                path: concat!("derived/innovation/", $path),
-                components: &["innovation", "3 σ", "3 σ"],
-                units: &[$unit],
-                about: "innovation between three standard deviations",
-            },
-        ]),*]
-    };
-}
+static INNOVATIONS: [Innovation; 6] = [
+    innovation(&estimator::INNOVATION_DVL, "surge", "surge_std", DVL, &signals::INNOVATION_SURGE),
+    innovation(&estimator::INNOVATION_DVL, "sway", "sway_std", DVL, &signals::INNOVATION_SWAY),
+    innovation(&estimator::INNOVATION_DVL, "heave", "heave_std", DVL, &signals::INNOVATION_HEAVE),
+    innovation(&estimator::INNOVATION_DEPTH, "innovation", "std", DEPTH, &signals::INNOVATION_DEPTH),
+    innovation(&estimator::INNOVATION_HEADING, "innovation", "std", HEADING, &signals::INNOVATION_HEADING),
+    innovation(&estimator::INNOVATION_YAW_RATE, "innovation", "std", YAW_RATE, &signals::INNOVATION_YAW_RATE),
+];
 
-static INNOVATIONS: [[&Signal; 2]; 6] =
-    innovations!("surge" "m/s", "sway" "m/s", "heave" "m/s", "depth" "m", "heading" "rad", "yaw_rate" "rad/s");
+/// Normalised innovations squared, which stand beside their gate.
+static NIS: [(&[Component], Gate, &Signal); 4] = [
+    (
+        &[
+            estimator::INNOVATION_DVL.at("surge_nis"),
+            estimator::INNOVATION_DVL.at("sway_nis"),
+            estimator::INNOVATION_DVL.at("heave_nis"),
+        ],
+        DVL,
+        &signals::NIS_DVL,
+    ),
+    (&[estimator::INNOVATION_DEPTH.at("nis")], DEPTH, &signals::NIS_DEPTH),
+    (&[estimator::INNOVATION_HEADING.at("nis")], HEADING, &signals::NIS_HEADING),
+    (&[estimator::INNOVATION_YAW_RATE.at("nis")], YAW_RATE, &signals::NIS_YAW_RATE),
+];
 
-macro_rules! tolerances {
-    ($($axis:literal $unit:literal),*) => {
-        [$(&Signal {
-            path: concat!("derived/alpha_tol/", $axis),
-            components: &["α_tol", "α_tol"],
-            units: &[$unit],
-            about: "inside this band of the sliding variable gains fall; as configured",
-        }),*]
-    };
-}
+/// Variances whose roots are shown.
+static VARIANCES: [(&[Component], &Signal); 3] = [
+    (&[nav::VARIANCE.at("depth"), nav::VARIANCE.at("heading")], &signals::STD_POSE),
+    (
+        &[nav::VARIANCE.at("surge"), nav::VARIANCE.at("sway"), nav::VARIANCE.at("heave"), nav::VARIANCE.at("yaw")],
+        &signals::STD_VELOCITY,
+    ),
+    (
+        &[
+            nav::VARIANCE.at("b_surge"),
+            nav::VARIANCE.at("b_sway"),
+            nav::VARIANCE.at("b_heave"),
+            nav::VARIANCE.at("b_yaw"),
+        ],
+        &signals::STD_DISTURBANCE,
+    ),
+];
 
-static TOLERANCES: [&Signal; 4] = tolerances!("surge" "m/s", "sway" "m/s", "heave" "m", "yaw" "rad");
+/// Counters that are shown as they are.
+static COUNTERS: [(&[Component], &Signal); 2] = [
+    (&[plant::HEALTH.at("pings_lost")], &signals::PINGS_LOST),
+    (&[estimator::COUNTERS.at("gated"), estimator::COUNTERS.at("restarts")], &signals::REFUSED),
+];
 
 /// A flag that is also written as a lane of states, which many of can be read at once.
 struct Lane {
-    signal: &'static str,
-    component: usize,
-    path: &'static str,
+    flag: Component,
+    signal: &'static Signal,
     /// When the flag is down, and when it is up.
     states: [&'static str; 2],
     colors: [u32; 2],
 }
 
-const fn lane(
-    signal: &'static str,
-    component: usize,
-    path: &'static str,
-    states: [&'static str; 2],
-    colors: [u32; 2],
-) -> Lane {
-    Lane { signal, component, path, states, colors }
+const fn lane(flag: Component, signal: &'static Signal, states: [&'static str; 2], colors: [u32; 2]) -> Lane {
+    Lane { flag, signal, states, colors }
 }
 
-const HEALTH: &str = "/estimator/nav/health";
-const OUTSIDE: &str = "/controller/external";
 const SATURATED: [u32; 2] = [style::IDLE, style::ALERT];
 const HEALTHY: [u32; 2] = [style::GOOD, style::ALERT];
+const OUTSIDE: [&str; 2] = ["own law", "outside"];
 
 static LANES: [Lane; 12] = [
-    lane(HEALTH, 0, "derived/health/net", ["lost", "found"], [style::ALERT, style::GOOD]),
-    lane(HEALTH, 1, "derived/health/velocity", ["measured", "dead reckoning"], HEALTHY),
-    lane(HEALTH, 2, "derived/health/depth", ["measured", "lost"], HEALTHY),
-    lane(HEALTH, 3, "derived/health/heading", ["measured", "lost"], HEALTHY),
-    lane(HEALTH, 4, "derived/health/thrust", ["known", "unknown"], HEALTHY),
-    lane(HEALTH, 5, "derived/health/filter", ["running", "restarted"], HEALTHY),
-    lane("/plant/health", 0, "derived/neutral/plant", ["commanded", "no fresh command"], SATURATED),
-    lane("/controller/thrust/emergency_neutral", 0, "derived/neutral/emergency", ["off", "neutral"], SATURATED),
-    lane(OUTSIDE, 0, "derived/external/surge", ["own law", "outside"], SATURATED),
-    lane(OUTSIDE, 1, "derived/external/sway", ["own law", "outside"], SATURATED),
-    lane(OUTSIDE, 2, "derived/external/heave", ["own law", "outside"], SATURATED),
-    lane(OUTSIDE, 3, "derived/external/yaw", ["own law", "outside"], SATURATED),
+    lane(nav::HEALTH.at("net_valid"), &signals::HEALTH_NET, ["lost", "found"], [style::ALERT, style::GOOD]),
+    lane(nav::HEALTH.at("dead_reckoning"), &signals::HEALTH_VELOCITY, ["measured", "dead reckoning"], HEALTHY),
+    lane(nav::HEALTH.at("depth_lost"), &signals::HEALTH_DEPTH, ["measured", "lost"], HEALTHY),
+    lane(nav::HEALTH.at("heading_lost"), &signals::HEALTH_HEADING, ["measured", "lost"], HEALTHY),
+    lane(nav::HEALTH.at("thrust_unknown"), &signals::HEALTH_THRUST, ["known", "unknown"], HEALTHY),
+    lane(nav::HEALTH.at("restarted"), &signals::HEALTH_FILTER, ["running", "restarted"], HEALTHY),
+    lane(plant::HEALTH.at("thrust_lost"), &signals::NEUTRAL_PLANT, ["commanded", "no fresh command"], SATURATED),
+    lane(
+        Component { signal: &thrust::EMERGENCY_NEUTRAL, index: 0 },
+        &signals::NEUTRAL_EMERGENCY,
+        ["off", "neutral"],
+        SATURATED,
+    ),
+    lane(controller::EXTERNAL.at("surge"), &signals::EXTERNAL_SURGE, OUTSIDE, SATURATED),
+    lane(controller::EXTERNAL.at("sway"), &signals::EXTERNAL_SWAY, OUTSIDE, SATURATED),
+    lane(controller::EXTERNAL.at("heave"), &signals::EXTERNAL_HEAVE, OUTSIDE, SATURATED),
+    lane(controller::EXTERNAL.at("yaw"), &signals::EXTERNAL_YAW, OUTSIDE, SATURATED),
 ];
 
 /// What is derived from one run.
@@ -125,7 +144,7 @@ static LANES: [Lane; 12] = [
 pub(crate) struct Derived {
     limits: Limits,
     max_n: Vec<f64>,
-    /// Lanes and signals whose looks are in the file.
+    /// Paths of lanes and signals whose looks are in the file.
     described: BTreeSet<&'static str>,
     /// Last state of each lane.
     lanes: BTreeMap<&'static str, bool>,
@@ -144,60 +163,57 @@ impl Derived {
         Self { limits: scene.limits, max_n, ..Self::default() }
     }
 
-    /// What follows from the signals of one batch.
-    pub(crate) fn of(&mut self, batch: &[Rows]) -> Result<Vec<Chunk>, Problem> {
+    /// What follows from rows of `signal`.
+    pub(crate) fn of(&mut self, signal: &Signal, rows: &Rows) -> Result<Vec<Chunk>, Problem> {
         let mut chunks = Vec::new();
-        for rows in batch {
-            let path = rows.entity.to_string();
-            for derived in self.signals(&path, rows) {
-                if derived.times.is_empty() {
-                    continue;
-                }
-                if self.described.insert(derived.signal.path) {
-                    chunks.push(fixed(derived.signal.path, &style::lines(derived.signal, derived.width))?);
-                }
-                let times = rows.times.select(&derived.times);
-                let entity = derived.signal.path.into();
-                chunks.push(Rows { entity, times, width: derived.width, values: derived.values }.into_chunk()?);
+        for derived in self.signals(signal, rows) {
+            if derived.times.is_empty() {
+                continue;
             }
-            for lane in LANES.iter().filter(|lane| lane.signal == path && lane.component < rows.width) {
-                self.states(lane, rows, &mut chunks)?;
+            if self.described.insert(derived.signal.path) {
+                chunks.push(fixed(derived.signal.path, &style::lines(derived.signal, derived.width))?);
             }
+            let times = rows.times.select(&derived.times);
+            let entity = derived.signal.path.into();
+            chunks.push(Rows { entity, times, width: derived.width, values: derived.values }.into_chunk()?);
+        }
+        let of_signal = |lane: &&Lane| lane.flag.signal.path == signal.path && lane.flag.index < rows.width;
+        for lane in LANES.iter().filter(of_signal) {
+            self.states(lane, rows, &mut chunks)?;
         }
         Ok(chunks)
     }
 
-    fn signals(&mut self, path: &str, rows: &Rows) -> Vec<Made> {
-        let gate = &self.limits.nis_gate;
-        match (path, rows.width) {
-            ("/controller/thrust/requested", 4) => vec![self.chattering(rows)],
-            ("/controller/thrust/limited", 4) => {
-                vec![self.limited.of(&LIMITED, rows, |row| row, |flags, n| flags.map(|flags| 100.0 * flags / n))]
-            }
-            ("/controller/thrust/force", n) if n == self.max_n.len() => vec![self.thrust_share(rows)],
-            ("/controller/sigma", 4) => self.tolerances(rows),
-            ("/estimator/net_plane/accepted", _) => vec![row_by_row(&BEAMS_USED, rows, |used| vec![used.iter().sum()])],
-            ("/plant/health", 2) => vec![now_and_then(&PINGS_LOST, rows, |health| vec![health[1]])],
-            ("/estimator/counters", 3) => vec![now_and_then(&REFUSED, rows, |counts| counts[1..].to_vec())],
-            ("/estimator/nav/variance", 10) => {
-                let root = |of: &[f64]| of.iter().map(|variance| variance.max(0.0).sqrt()).collect();
-                vec![
-                    now_and_then(&STD_POSE, rows, |row| root(&row[..2])),
-                    now_and_then(&STD_VELOCITY, rows, |row| root(&row[2..6])),
-                    now_and_then(&STD_DISTURBANCE, rows, |row| root(&row[6..])),
-                ]
-            }
-            ("/estimator/innovation/dvl", 9) => {
-                let gate = gate.dvl;
-                let between = |i: usize| innovation(i, gate, rows, move |row| (row[i], row[i + 3]));
-                let nis = row_by_row(&NIS_DVL, rows, |row| row[6..].iter().copied().chain(gate).collect());
-                vec![between(0), between(1), between(2), nis]
-            }
-            ("/estimator/innovation/depth", 3) => scalar(3, &NIS_DEPTH, gate.depth, rows),
-            ("/estimator/innovation/heading", 3) => scalar(4, &NIS_HEADING, gate.heading, rows),
-            ("/estimator/innovation/yaw_rate", 3) => scalar(5, &NIS_YAW_RATE, gate.yaw_rate, rows),
-            _ => Vec::new(),
+    fn signals(&mut self, signal: &Signal, rows: &Rows) -> Vec<Made> {
+        let is = |handle: &Signal| rows.are_of(signal, handle);
+        let mut made = Vec::new();
+        if is(&thrust::REQUESTED) {
+            made.push(self.chattering(rows));
+        } else if is(&thrust::LIMITED) {
+            let share = |flags: [f64; 4], n: f64| flags.map(|flags| 100.0 * flags / n);
+            made.push(self.limited.of(&signals::LIMITED, rows, |row| row, share));
+        } else if signal.path == thrust::FORCE.path && rows.width == self.max_n.len() {
+            made.push(self.thrust_share(rows));
+        } else if is(&controller::SIGMA) {
+            made.extend(self.tolerances(rows));
+        } else if signal.path == estimator::NET_PLANE_ACCEPTED.path {
+            made.push(row_by_row(&signals::BEAMS_USED, rows, |used| vec![used.iter().sum()]));
         }
+        let gates = &self.limits.nis_gate;
+        for innovation in INNOVATIONS.iter().filter(|innovation| is(innovation.value.signal)) {
+            made.push(innovation.of(rows, gates));
+        }
+        for (squares, gate, shown) in NIS.iter().filter(|(squares, ..)| is(squares[0].signal)) {
+            made.push(row_by_row(shown, rows, |row| pick(squares, row).chain(gate(gates)).collect()));
+        }
+        for (variances, shown) in VARIANCES.iter().filter(|(variances, _)| is(variances[0].signal)) {
+            let root = |variance: f64| variance.max(0.0).sqrt();
+            made.push(now_and_then(shown, rows, |row| pick(variances, row).map(root).collect()));
+        }
+        for (counters, shown) in COUNTERS.iter().filter(|(counters, _)| is(counters[0].signal)) {
+            made.push(now_and_then(shown, rows, |row| pick(counters, row).collect()));
+        }
+        made
     }
 
     /// The band is constant: its ends in this batch are enough.
@@ -206,7 +222,7 @@ impl Derived {
         let Some(last) = rows.times.len().checked_sub(1) else { return Vec::new() };
         let begins = !std::mem::replace(&mut self.bounded, true);
         let times: Vec<u32> = if begins && last > 0 { vec![0, last as u32] } else { vec![last as u32] };
-        let made = TOLERANCES.iter().zip(alpha_tol).map(|(&signal, tolerance)| {
+        let made = signals::ALPHA_TOL.iter().zip(alpha_tol).map(|(&signal, tolerance)| {
             let values = times.iter().flat_map(|_| [tolerance, -tolerance]).collect();
             Made { signal, width: 2, times: times.clone(), values }
         });
@@ -220,11 +236,11 @@ impl Derived {
             let before = last.replace(now).unwrap_or(now);
             core::array::from_fn(|axis| (now[axis] - before[axis]).abs())
         };
-        self.chattering.of(&CHATTERING, rows, step, |sum, _| sum)
+        self.chattering.of(&signals::CHATTERING, rows, step, |sum, _| sum)
     }
 
     fn thrust_share(&mut self, rows: &Rows) -> Made {
-        let mut made = Made::new(&THRUST_SHARE, 1);
+        let mut made = Made::new(&signals::THRUST_SHARE, 1);
         let ticks = rows.times.ticks();
         for (i, forces) in rows.values.chunks_exact(rows.width).enumerate() {
             let shares = forces.iter().zip(&self.max_n).map(|(force, most)| 100.0 * force.abs() / most);
@@ -239,8 +255,8 @@ impl Derived {
     fn states(&mut self, lane: &'static Lane, rows: &Rows, chunks: &mut Vec<Chunk>) -> Result<(), Problem> {
         let (mut times, mut states) = (Vec::new(), Vec::new());
         for (i, row) in rows.values.chunks_exact(rows.width).enumerate() {
-            let up = row[lane.component] > 0.5;
-            if self.lanes.insert(lane.path, up) != Some(up) {
+            let up = row[lane.flag.index] > 0.5;
+            if self.lanes.insert(lane.signal.path, up) != Some(up) {
                 times.push(i as u32);
                 states.push(lane.states[usize::from(up)]);
             }
@@ -248,14 +264,14 @@ impl Derived {
         if times.is_empty() {
             return Ok(());
         }
-        if self.described.insert(lane.path) {
+        if self.described.insert(lane.signal.path) {
             let looks = rerun::StateConfiguration::new().with_values(lane.states).with_labels(lane.states);
-            chunks.push(fixed(lane.path, &looks.with_colors(lane.colors))?);
+            chunks.push(fixed(lane.signal.path, &looks.with_colors(lane.colors))?);
         }
         let changes = rerun::StateChange::update_fields().with_state(states);
         let changes = changes.columns_of_unit_batches().map_err(crate::chunks::text)?;
         let times: Times = rows.times.select(&times);
-        chunks.push(columns(lane.path.into(), times, changes)?);
+        chunks.push(columns(lane.signal.path.into(), times, changes)?);
         Ok(())
     }
 }
@@ -300,24 +316,24 @@ fn now_and_then(signal: &'static Signal, rows: &Rows, value: impl Fn(&[f64]) -> 
     made
 }
 
-/// An innovation between `±√gate` times its predicted standard deviation.
-fn innovation(which: usize, gate: Option<f64>, rows: &Rows, value: impl Fn(&[f64]) -> (f64, f64)) -> Made {
-    let signal = INNOVATIONS[which][usize::from(gate.is_none())];
-    let mut made = Made::new(signal, 3);
-    for (i, row) in rows.values.chunks_exact(rows.width).enumerate() {
-        if rows.times.nanos()[i] >= SETTLED_NS {
-            let (innovation, std) = value(row);
-            let bound = std * gate.map_or(BOUND_STD, f64::sqrt);
-            made.push(i, &[innovation, bound, -bound]);
-        }
-    }
-    made
+/// These numbers of a row.
+fn pick<'a>(components: &'a [Component], row: &'a [f64]) -> impl Iterator<Item = f64> + 'a {
+    components.iter().filter_map(|component| component.of(row))
 }
 
-/// Innovation and NIS of a sensor that measures one number.
-fn scalar(which: usize, nis: &'static Signal, gate: Option<f64>, rows: &Rows) -> Vec<Made> {
-    let nis = row_by_row(nis, rows, |row| std::iter::once(row[2]).chain(gate).collect());
-    vec![innovation(which, gate, rows, |row| (row[0], row[1])), nis]
+impl Innovation {
+    /// The innovation between `±√gate` times its predicted standard deviation.
+    fn of(&'static self, rows: &Rows, gates: &NisGates) -> Made {
+        let gate = (self.gate)(gates);
+        let mut made = Made::new(if gate.is_some() { self.gated } else { &self.ungated }, 3);
+        for (i, row) in rows.values.chunks_exact(rows.width).enumerate() {
+            if rows.times.nanos()[i] >= SETTLED_NS {
+                let bound = row[self.std.index] * gate.map_or(BOUND_STD, f64::sqrt);
+                made.push(i, &[row[self.value.index], bound, -bound]);
+            }
+        }
+        made
+    }
 }
 
 /// Sums over the last second.

@@ -6,6 +6,7 @@
 //! * [`mod@read`]: a recording back as numbers, also when its writer died; [`mod@repair`]: whole again.
 //! * [`mod@merge`]: several recordings side by side in one file, with a dashboard that compares them.
 //! * [`mod@export`]: for data frames, spreadsheets and Foxglove.
+//! * [`signals`]: what recordings have beside what the blocks show.
 //! * [`table`]: results of many runs, a row for each.
 
 mod belated;
@@ -22,6 +23,7 @@ mod place;
 pub mod read;
 pub mod repair;
 mod scene;
+pub mod signals;
 pub mod sink;
 pub mod style;
 pub mod table;

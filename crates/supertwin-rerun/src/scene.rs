@@ -3,18 +3,13 @@
 use crate::chunks::{Problem, Rows, Times, columns, fixed, text};
 use crate::style;
 use rerun::log::Chunk;
+use supertwin_core::Signal;
 use supertwin_core::run::Scene as Geometry;
+use supertwin_core::signal::measurements::dvl;
+use supertwin_core::signal::{Component, estimator, truth};
 
-/// Signal that moves the vehicle: north, east, depth, heading.
-const POSE: &str = "/plant/truth/pose";
-/// Signal with the range along each beam; 0 where nothing came back.
-const RANGE: &str = "/plant/measurements/dvl_range";
-/// Signal that says of each beam whether the estimator used it.
-const ACCEPTED: &str = "/estimator/net_plane/accepted";
-/// Signal with the force of each thruster.
-const FORCE: &str = "/plant/truth/thruster_force";
-/// Signal with the velocity of the current: north, east, down.
-const CURRENT: &str = "/plant/truth/current";
+/// The net, in the picture.
+pub(crate) const NET: &str = "world/net";
 
 /// The vehicle moves in the picture at every so many ticks.
 const MOVE_EVERY: i64 = 5;
@@ -26,6 +21,10 @@ const METRES_PER_NEWTON: f64 = 0.025;
 const METRES_PER_SPEED: f64 = 5.0;
 /// The arrow of the current starts so far above the vehicle.
 const CURRENT_ABOVE_M: f64 = 0.8;
+
+/// Where the vehicle is, and where it heads.
+const PLACE: [Component; 3] = [truth::POSE.at("north"), truth::POSE.at("east"), truth::POSE.at("depth")];
+const HEADING: Component = truth::POSE.at("heading");
 
 const NET_COLOR: u32 = 0x7F9F_8FA0;
 const BODY_COLOR: u32 = 0xF2C1_2EFF;
@@ -110,33 +109,33 @@ impl Scene {
             let net = rerun::LineStrips3D::new(strips.map(Iterator::collect::<Vec<_>>))
                 .with_colors([NET_COLOR])
                 .with_radii([rerun::Radius::new_ui_points(0.6)]);
-            chunks.push(fixed("world/net", &net)?);
+            chunks.push(fixed(NET, &net)?);
         }
         Ok(chunks)
     }
 
-    /// What moves because of these rows.
-    pub(crate) fn draw(&mut self, rows: &Rows) -> Result<Vec<Chunk>, Problem> {
-        match (rows.entity.to_string().as_str(), rows.width) {
-            (POSE, 4) => self.moves(rows),
-            (RANGE, 4) => self.pings(rows),
-            (ACCEPTED, 4) => self.judges(rows),
-            (FORCE, n) if n == self.thrusters.len() => self.pushes(rows),
-            (CURRENT, 3) => flows(rows),
+    /// What moves because of these rows of `signal`.
+    pub(crate) fn draw(&mut self, signal: &Signal, rows: &Rows) -> Result<Vec<Chunk>, Problem> {
+        match signal.path {
+            _ if rows.are_of(signal, &truth::POSE) => self.moves(rows),
+            _ if rows.are_of(signal, &dvl::RANGE) => self.pings(rows),
+            _ if rows.are_of(signal, &estimator::NET_PLANE_ACCEPTED) => self.judges(rows),
+            path if path == truth::THRUSTER_FORCE.path && rows.width == self.thrusters.len() => self.pushes(rows),
+            _ if rows.are_of(signal, &truth::CURRENT) => flows(rows),
             _ => Ok(Vec::new()),
         }
     }
 
     fn moves(&mut self, rows: &Rows) -> Result<Vec<Chunk>, Problem> {
         let kept = now_and_then(rows);
-        let poses: Vec<&[f64]> = kept.iter().map(|&i| &rows.values[i as usize * 4..][..4]).collect();
+        let poses: Vec<&[f64]> = kept.iter().map(|&i| &rows.values[i as usize * rows.width..][..rows.width]).collect();
         let mut chunks = Vec::new();
         if kept.is_empty() {
             return Ok(chunks);
         }
-        let place = |pose: &&[f64]| [narrow(pose[0]), narrow(pose[1]), narrow(pose[2])];
+        let place = |pose: &&[f64]| PLACE.map(|part| narrow(pose[part.index]));
         let turn = |pose: &&[f64]| {
-            let half = 0.5 * pose[3];
+            let half = 0.5 * pose[HEADING.index];
             rerun::Quaternion::from_xyzw([0.0, 0.0, narrow(half.sin()), narrow(half.cos())])
         };
         let transforms = rerun::Transform3D::update_fields()
@@ -148,7 +147,10 @@ impl Scene {
             transforms.columns_of_unit_batches().map_err(text)?,
         )?);
         // The current goes along, but does not turn with the vehicle.
-        let above = |pose: &&[f64]| [narrow(pose[0]), narrow(pose[1]), narrow(pose[2] - CURRENT_ABOVE_M)];
+        let above = |pose: &&[f64]| {
+            let [north, east, depth] = PLACE.map(|part| pose[part.index]);
+            [narrow(north), narrow(east), narrow(depth - CURRENT_ABOVE_M)]
+        };
         let along = rerun::Transform3D::update_fields().with_many_translation(poses.iter().map(above));
         chunks.push(columns(
             "world/current".into(),
@@ -181,7 +183,7 @@ impl Scene {
 
     /// All four beams of a ping; one that did not come back has no length.
     fn pings(&mut self, rows: &Rows) -> Result<Vec<Chunk>, Problem> {
-        let beams = rows.values.chunks_exact(4).flat_map(|ranges| self.beams.iter().zip(ranges));
+        let beams = rows.values.chunks_exact(rows.width).flat_map(|ranges| self.beams.iter().zip(ranges));
         let strips = beams.map(|(beam, &range)| [[0.0; 3], beam.map(|x| narrow(x * range.max(0.0)))]);
         let strips = rerun::LineStrips3D::update_fields().with_strips(strips);
         let n = rows.times.len();
@@ -221,8 +223,8 @@ impl Scene {
 fn flows(rows: &Rows) -> Result<Vec<Chunk>, Problem> {
     let kept = now_and_then(rows);
     let arrows = kept.iter().map(|&i| {
-        let at = i as usize * 3;
-        [0, 1, 2].map(|axis| narrow(rows.values[at + axis] * METRES_PER_SPEED))
+        let row = &rows.values[i as usize * rows.width..];
+        [0, 1, 2].map(|axis| narrow(row[axis] * METRES_PER_SPEED))
     });
     let arrows = rerun::Arrows3D::update_fields().with_vectors(arrows);
     let arrows = arrows.columns_of_unit_batches().map_err(text)?;

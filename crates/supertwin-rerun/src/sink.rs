@@ -290,7 +290,7 @@ impl RerunSink {
         let ticks = std::mem::replace(&mut self.ticks, Vec::with_capacity(room));
         let nanos = std::mem::replace(&mut self.nanos, Vec::with_capacity(room));
         let every = Times::new(ticks, nanos).with_clocks(&std::mem::take(&mut self.clocks));
-        let mut jobs = Vec::new();
+        let (mut jobs, mut derived) = (Vec::new(), Vec::new());
         let mut batch = Vec::with_capacity(self.vectors.slots.len());
         for (signal, column) in &mut self.vectors.slots {
             if column.rows.is_empty() {
@@ -307,7 +307,8 @@ impl RerunSink {
             let times = times_of(&every, &column.rows);
             column.rows.clear();
             let rows = Rows { entity: column.entity.clone(), times, width: column.width, values };
-            jobs.extend(self.scene.draw(&rows)?.into_iter().map(Job::Chunk));
+            jobs.extend(self.scene.draw(signal, &rows)?.into_iter().map(Job::Chunk));
+            derived.extend(self.derived.of(signal, &rows)?.into_iter().map(Job::Chunk));
             batch.push(rows);
         }
         for (_, track) in &mut self.labels.slots {
@@ -330,7 +331,7 @@ impl RerunSink {
             jobs.extend(notes.chunks(path)?.into_iter().map(Job::Chunk));
         }
         jobs.extend(self.belated.chunks()?.into_iter().map(Job::Chunk));
-        jobs.extend(self.derived.of(&batch)?.into_iter().map(Job::Chunk));
+        jobs.extend(derived);
         if !batch.is_empty() {
             jobs.push(Job::Batch(batch));
         }

@@ -1,7 +1,9 @@
 //! Names and colours of curves.
 
+use crate::signals;
 use rerun::components::InterpolationMode;
 use supertwin_core::Signal;
+use supertwin_core::signal::controller;
 
 /// Okabe and Ito's colours, distinct also for the colour-blind; lightened where the viewer's background is dark.
 const PALETTE: [u32; 8] =
@@ -42,8 +44,8 @@ pub(crate) fn palette(i: usize) -> u32 {
 pub fn color(path: &str, name: &str, i: usize) -> u32 {
     // These stand in one plot with others, though each begins with its own first component.
     let before = match path {
-        "derived/nis/heading" | "derived/pings_lost" => 1,
-        "derived/nis/yaw_rate" | "derived/refused" => 2,
+        _ if [signals::NIS_HEADING.path, signals::PINGS_LOST.path].contains(&path) => 1,
+        _ if [signals::NIS_YAW_RATE.path, signals::REFUSED.path].contains(&path) => 2,
         _ => 0,
     };
     match name {
@@ -58,7 +60,7 @@ pub fn color(path: &str, name: &str, i: usize) -> u32 {
 /// Names of the first `width` components; with units where these differ.
 pub(crate) fn names(signal: &Signal, width: usize) -> Vec<String> {
     let mixed = (1..width).any(|i| signal.unit(i) != signal.unit(0));
-    let last = signal.path.rsplit('/').next().unwrap_or(signal.path);
+    let last = signal.name();
     (0..width)
         .map(|i| {
             let name = match signal.components.get(i) {
@@ -76,7 +78,7 @@ pub(crate) fn names(signal: &Signal, width: usize) -> Vec<String> {
 pub(crate) fn lines(signal: &Signal, width: usize) -> rerun::SeriesLines {
     let name = |i: usize| signal.components.get(i).copied().unwrap_or_default();
     // What hardly moves may be broad: it hides nothing, and is hidden less.
-    let slow = ["controller/k1", "controller/k2"].contains(&signal.path) || signal.unit(0) == "count";
+    let slow = [controller::K1.path, controller::K2.path].contains(&signal.path) || signal.unit(0) == "count";
     let lines = rerun::SeriesLines::new()
         .with_names(names(signal, width))
         .with_colors((0..width).map(|i| color(signal.path, name(i), i)))

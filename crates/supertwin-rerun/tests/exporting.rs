@@ -7,6 +7,7 @@ use crate::python;
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
+use supertwin_core::signal::tracking;
 use supertwin_core::{Probe, RunSink, Signal, Tick};
 use supertwin_rerun::{Format, Options, Recording, RerunSink, export, read, read_selected};
 
@@ -174,7 +175,7 @@ fn only_what_was_read_is_exported_and_nothing_is_overwritten() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.rrd");
     record(&path);
-    let some = read_selected(&path, &|path| path == "tracking/depth").unwrap();
+    let some = read_selected(&path, &|path| path == tracking::DEPTH.path).unwrap();
     let out = folder.path().join("run.csv");
     assert_eq!(export(&some, Format::Csv, &out, false).unwrap().columns, 5);
     let before = fs::read(&out).unwrap();

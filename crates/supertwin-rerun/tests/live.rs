@@ -7,6 +7,7 @@ use std::net::TcpListener;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use supertwin_core::run::Properties;
+use supertwin_core::signal::tracking;
 use supertwin_core::{Probe, RunHeader, RunSink, Signal, Tick};
 use supertwin_rerun::{Live, RerunSink, read};
 
@@ -71,8 +72,8 @@ fn a_viewer_gets_what_is_shown() {
     };
     drop(viewer);
     assert_eq!(live.dropped(), 0);
-    assert_eq!(got.signals["tracking/depth"].tick, (0..500).collect::<Vec<_>>());
-    assert_eq!(got.signals["tracking/depth"].names, ["measured", "reference", "true"]);
+    assert_eq!(got.signals[tracking::DEPTH.path].tick, (0..500).collect::<Vec<_>>());
+    assert_eq!(got.signals[tracking::DEPTH.path].names, ["measured", "reference", "true"]);
     assert_eq!(got.name, "live");
 }
 

@@ -11,7 +11,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
-use supertwin_core::Signal;
+use supertwin_core::signal::tracking;
 use supertwin_core::{RunHeader, RunSink, Tick};
 use supertwin_rerun::merge::{Better, Cell, Row, Scores};
 use supertwin_rerun::{COMPARISON, Merge, MergeError, MergedRun, Options, ReadError, RerunSink, merge, read};
@@ -26,9 +26,6 @@ fn record(path: &Path) {
     sink.finish(&results()).unwrap();
 }
 
-static SWAY: Signal =
-    Signal { path: "tracking/sway", components: &["measured", "reference", "true"], units: &["m/s"], about: "" };
-
 /// A run that only knows its sway: `offset` beside what is wanted from `event` on.
 fn sways(path: &Path, event: u64, offset: f64, ticks: u64) {
     let mut sink = RerunSink::create(path, Options::default()).unwrap();
@@ -36,7 +33,7 @@ fn sways(path: &Path, event: u64, offset: f64, ticks: u64) {
     for k in 0..ticks {
         sink.tick(Tick { k, dt_s: 0.02 }).unwrap();
         let wanted = if k < event { 0.0 } else { 0.001 * (k - event) as f64 };
-        supertwin_core::Probe::vector(&mut sink, &SWAY, &[wanted + offset, wanted, wanted + 2.0 * offset]);
+        supertwin_core::Probe::vector(&mut sink, &tracking::SWAY, &[wanted + offset, wanted, wanted + 2.0 * offset]);
     }
     sink.finish(&results()).unwrap();
 }

@@ -12,6 +12,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::Arc;
 use supertwin_core::run::Properties;
+use supertwin_core::signal::tracking;
 use supertwin_core::{RunHeader, RunSink, RunSource};
 use supertwin_rerun::repair::RepairError;
 use supertwin_rerun::{Options, ReadError, Recording, RerunSink, read, read_selected, repair};
@@ -197,7 +198,7 @@ fn only_what_is_asked_for_is_read() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.rrd");
     let whole = record(&path, false);
-    let wanted = |path: &str| path.starts_with("tracking/") || path == "event/guidance";
+    let wanted = |path: &str| tracking::SIGNALS.iter().any(|signal| signal.path == path) || path == "event/guidance";
     let some = read_selected(&path, &wanted).unwrap();
     assert!(some.complete);
     assert_eq!(some.properties, whole.properties);

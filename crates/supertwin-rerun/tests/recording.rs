@@ -5,11 +5,11 @@
 use crate::common::{DT_S, header, play, results};
 use std::fs;
 use std::path::Path;
-use supertwin_core::Signal;
 use supertwin_core::observe::{Both, Probe, Snapshot};
 use supertwin_core::run::{Properties, Severity};
-use supertwin_core::{Event, Property, RunHeader, RunSink, SinkError, Tick};
-use supertwin_rerun::{Clocks, Options, ReadError, Recording, RerunSink, read};
+use supertwin_core::signal::{estimator, nav, reference, thrust, tracking};
+use supertwin_core::{Event, Property, RunHeader, RunSink, Signal, SinkError, Tick};
+use supertwin_rerun::{Clocks, Options, ReadError, Recording, RerunSink, read, signals};
 
 static WIDE: Signal = Signal { path: "test/wide", components: &["a", "b", "c"], units: &["m", "s"], about: "" };
 static SPARSE: Signal = Signal { path: "test/sparse", components: &[], units: &["m"], about: "" };
@@ -122,7 +122,8 @@ fn every_value_comes_back_bit_by_bit_with_its_tick() {
         }
     }
     assert_eq!(shown, 17 * 1601 - 1601 + 161);
-    let heard = recording.signals.iter().filter(|(path, _)| !path.starts_with("derived/"));
+    let heard =
+        recording.signals.iter().filter(|(path, _)| signals::SIGNALS.iter().all(|derived| *path != derived.path));
     assert_eq!(heard.map(|(_, columns)| columns.tick.len()).sum::<usize>(), shown);
     for (path, columns) in &recording.signals {
         assert!(columns.tick.windows(2).all(|pair| pair[0] < pair[1]), "{path}");
@@ -162,7 +163,7 @@ fn signals_that_show_themselves_now_and_then_keep_their_ticks() {
 fn labels_are_written_when_they_change() {
     let folder = tempfile::tempdir().unwrap();
     let recording = record(&folder.path().join("run.rrd"), 1200);
-    let mode = &recording.labels["guidance/reference/mode"];
+    let mode = &recording.labels[reference::MODE.path];
     let changes: Vec<_> = mode.iter().map(|label| (label.tick, label.time_ns, label.value.as_str())).collect();
     let expected =
         [(0, 0, "neutral"), (100, 2_000_000_000, "depth_heading_hold"), (1001, 20_020_000_000, "follow_net")];
@@ -208,8 +209,6 @@ fn there_is_a_picture() {
 
 #[test]
 fn the_chattering_of_a_staircase_is_its_steps_per_second() {
-    static REQUESTED: Signal =
-        Signal { path: "controller/thrust/requested", components: &[], units: &["N"], about: "" };
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.rrd");
     let mut sink = create(&path);
@@ -218,10 +217,10 @@ fn the_chattering_of_a_staircase_is_its_steps_per_second() {
         sink.tick(Tick { k, dt_s: DT_S }).unwrap();
         let up_and_down = if k % 2 == 0 { 0.0 } else { 3.0 };
         // The last axis rises at one tick only, from batch to batch.
-        sink.vector(&REQUESTED, &[up_and_down, k as f64, -2.0, if k < 128 { 0.0 } else { 7.0 }]);
+        sink.vector(&thrust::REQUESTED, &[up_and_down, k as f64, -2.0, if k < 128 { 0.0 } else { 7.0 }]);
     }
     sink.finish(&Properties::new()).unwrap();
-    let chattering = &read(&path).unwrap().signals["derived/chattering"];
+    let chattering = &read(&path).unwrap().signals[signals::CHATTERING.path];
     assert!(chattering.tick.iter().copied().eq((0..400).step_by(5)));
     assert_eq!(chattering.at(0).unwrap(), [0.0; 4]);
     // Half a second: half of its steps.
@@ -234,10 +233,6 @@ fn the_chattering_of_a_staircase_is_its_steps_per_second() {
 
 #[test]
 fn innovations_stand_between_their_gates_and_flags_become_lanes() {
-    static HEADING: Signal =
-        Signal { path: "estimator/innovation/heading", components: &[], units: &["rad"], about: "" };
-    static DEPTH: Signal = Signal { path: "estimator/innovation/depth", components: &[], units: &["m"], about: "" };
-    static HEALTH: Signal = Signal { path: "estimator/nav/health", components: &[], units: &["flag"], about: "" };
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.rrd");
     let mut header = header("gates");
@@ -246,22 +241,22 @@ fn innovations_stand_between_their_gates_and_flags_become_lanes() {
     sink.begin(&header).unwrap();
     for k in 0..300 {
         sink.tick(Tick { k, dt_s: DT_S }).unwrap();
-        sink.vector(&HEADING, &[0.1, 0.02, 25.5]);
-        sink.vector(&DEPTH, &[-0.3, 0.5, 0.36]);
-        sink.vector(&HEALTH, &[1.0, f64::from(u8::from((100..200).contains(&k))), 0.0, 0.0, 0.0, 0.0]);
+        sink.vector(&estimator::INNOVATION_HEADING, &[0.1, 0.02, 25.5]);
+        sink.vector(&estimator::INNOVATION_DEPTH, &[-0.3, 0.5, 0.36]);
+        sink.vector(&nav::HEALTH, &[1.0, f64::from(u8::from((100..200).contains(&k))), 0.0, 0.0, 0.0, 0.0]);
     }
     sink.finish(&Properties::new()).unwrap();
     let recording = read(&path).unwrap();
-    let heading = &recording.signals["derived/innovation/heading"];
+    let heading = &recording.signals[signals::INNOVATION_HEADING.path];
     assert_eq!(heading.names, ["innovation", "gate", "gate"]);
     // The first second is left out: the filter's first doubts would hide the rest.
     assert_eq!((heading.tick[0], heading.at(60).unwrap()), (50, &[0.1, 0.1, -0.1][..]));
-    let depth = &recording.signals["derived/innovation/depth"];
+    let depth = &recording.signals[signals::INNOVATION_DEPTH.path];
     assert_eq!(depth.names, ["innovation", "3 σ", "3 σ"]);
     assert_eq!(depth.at(60).unwrap(), [-0.3, 1.5, -1.5]);
-    assert_eq!(recording.signals["derived/nis/heading"].at(60).unwrap(), [25.5, 25.0]);
-    assert_eq!(recording.signals["derived/nis/depth"].at(60).unwrap(), [0.36]);
-    let lane = &recording.labels["derived/health/velocity"];
+    assert_eq!(recording.signals[signals::NIS_HEADING.path].at(60).unwrap(), [25.5, 25.0]);
+    assert_eq!(recording.signals[signals::NIS_DEPTH.path].at(60).unwrap(), [0.36]);
+    let lane = &recording.labels[signals::HEALTH_VELOCITY.path];
     let changes: Vec<_> = lane.iter().map(|label| (label.tick, label.value.as_str())).collect();
     assert_eq!(changes, [(0, "measured"), (100, "dead reckoning"), (200, "measured")]);
 }
@@ -365,7 +360,7 @@ fn a_dropped_sink_leaves_what_was_heard() {
     drop(sink);
     let recording = read(&path).unwrap();
     assert!(recording.complete);
-    assert_eq!(recording.signals["tracking/depth"].tick.len(), 333);
+    assert_eq!(recording.signals[tracking::DEPTH.path].tick.len(), 333);
     assert!(!recording.properties.contains_key("result"));
 }
 

@@ -1,8 +1,11 @@
 //! What does the control law do? The paper's figure 5, with what drives the gains and what comes of them.
 
 use super::Description;
-use super::views::{Canvas, Legend, all, only};
+use super::views::{Canvas, Legend, all, only, siblings};
+use crate::signals;
 use rerun::blueprint::{ContainerLike, Horizontal, Tabs, Vertical};
+use supertwin_core::axes::AXIS_NAMES;
+use supertwin_core::signal::{Component, controller, thrust, wrench_request};
 
 pub(super) static DASHBOARD: Description = Description {
     name: "adaptation",
@@ -34,26 +37,24 @@ fn views(canvas: &mut Canvas) -> ContainerLike {
 fn super_twisting(canvas: &mut Canvas) -> ContainerLike {
     let adaptive = canvas.about.has(&["agsta"]);
     let band = if adaptive { ", with ±α_tol" } else { "" };
-    let sigma = [("surge", "m/s"), ("sway", "m/s"), ("heave", "m"), ("yaw", "rad")];
-    let sigma = sigma.iter().enumerate().map(|(i, (axis, unit))| {
-        let mut curves = vec![only("/controller/sigma", i, 4)];
+    let sigma = AXIS_NAMES.iter().zip(signals::ALPHA_TOL).enumerate().map(|(index, (axis, alpha_tol))| {
+        let sigma = Component { signal: &controller::SIGMA, index };
+        let mut curves = vec![only(sigma)];
         if adaptive {
-            curves.push(all(&format!("/derived/alpha_tol/{axis}")));
+            curves.push(all(alpha_tol.path));
         }
-        canvas.plot(&format!("Sliding variable σ, {axis}{band} [{unit}]"), &curves, Legend::None)
+        canvas.plot(&format!("Sliding variable σ, {axis}{band} [{}]", sigma.unit()), &curves, Legend::None)
     });
     let sigma: Vec<_> = sigma.collect();
     let constant = if adaptive { "" } else { ", constant" };
-    let mut wide = |name: &str, path: &str| canvas.plot(name, &[all(path)], Legend::Beside(0.2));
-    let gains = [
-        wide(&format!("Gain k1{constant} [N/√σ, N m/√σ]"), "/controller/k1"),
-        wide(&format!("Gain k2{constant} [N/s, N m/s]"), "/controller/k2"),
-    ];
-    let mut third = |name: &str, path: &str| canvas.plot(name, &[all(path)], Legend::Beside(0.35));
+    let mut wide = |name: &str, signal| canvas.signal(name, signal, Legend::Beside(0.2));
+    let gains =
+        [wide(&format!("Gain k1{constant}"), &controller::K1), wide(&format!("Gain k2{constant}"), &controller::K2)];
+    let mut third = |name: &str, signal| canvas.signal(name, signal, Legend::Beside(0.35));
     let wrench = [
-        third("Integrator z [N, N m]", "/controller/z"),
-        third("Requested wrench [N, N m]", "/controller/thrust/requested"),
-        third("Chattering: wrench variation [N/s, N m/s]", "/derived/chattering"),
+        third("Integrator z", &controller::Z),
+        third("Requested wrench", &thrust::REQUESTED),
+        third("Chattering: wrench variation", &signals::CHATTERING),
     ];
     let rows = [Horizontal::new(sigma).into(), Horizontal::new(gains).into(), Horizontal::new(wrench).into()];
     let name = if canvas.about.has(&["pid"]) { "Adaptation: super-twisting" } else { "Adaptation" };
@@ -62,19 +63,12 @@ fn super_twisting(canvas: &mut Canvas) -> ContainerLike {
 
 /// A PID has no sliding variable and its gains do not move: its error, its integral, and what comes of them.
 fn pid(canvas: &mut Canvas) -> ContainerLike {
-    let errors =
-        [("Surge error [m/s]", 0), ("Sway error [m/s]", 1), ("Depth error [m]", 2), ("Heading error [rad]", 3)];
-    let errors: Vec<_> =
-        errors.iter().map(|&(name, i)| canvas.plot(name, &[only("/controller/error", i, 4)], Legend::None)).collect();
-    let mut wide = |name: &str, path: &str| canvas.plot(name, &[all(path)], Legend::Beside(0.2));
-    let integral = [
-        wide("Error integral [m, m s, rad s]", "/controller/integral"),
-        wide("Velocity error [m/s, rad/s]", "/controller/velocity_error"),
-    ];
-    let wrench = [
-        wide("Requested wrench [N, N m]", "/controller/thrust/requested"),
-        wide("Chattering: wrench variation [N/s, N m/s]", "/derived/chattering"),
-    ];
+    let errors = [("Surge", "surge"), ("Sway", "sway"), ("Depth", "heave"), ("Heading", "yaw")]
+        .map(|(title, axis)| canvas.component(&format!("{title} error"), controller::ERROR.at(axis)));
+    let mut wide = |name: &str, signal| canvas.signal(name, signal, Legend::Beside(0.2));
+    let integral = [wide("Error integral", &controller::INTEGRAL), wide("Velocity error", &controller::VELOCITY_ERROR)];
+    let wrench =
+        [wide("Requested wrench", &thrust::REQUESTED), wide("Chattering: wrench variation", &signals::CHATTERING)];
     let rows = [Horizontal::new(errors).into(), Horizontal::new(integral).into(), Horizontal::new(wrench).into()];
     let name = if canvas.about.has(&["gsta", "agsta"]) { "Adaptation: PID" } else { "Adaptation" };
     Vertical::new(rows).with_row_shares([0.9, 1.0, 1.0]).with_name(name).into()
@@ -82,7 +76,7 @@ fn pid(canvas: &mut Canvas) -> ContainerLike {
 
 /// A controller on the network steers, axis by axis, while the vehicle's own law waits.
 fn outside(canvas: &mut Canvas) -> ContainerLike {
-    let axes = canvas.lanes("Axes under external control", &["/derived/external/**"]);
-    let wrench = canvas.plot("External wrench [N, N m]", &[all("/controller/wrench_request")], Legend::Beside(0.2));
+    let axes = canvas.lanes("Axes under external control", &[siblings(&signals::EXTERNAL_SURGE)]);
+    let wrench = canvas.signal("External wrench", &wrench_request::WRENCH_REQUEST, Legend::Beside(0.2));
     Vertical::new([axes, wrench]).with_name("Adaptation: external").into()
 }

@@ -4,9 +4,12 @@
 
 use super::views::{Canvas, Curves, Legend};
 use super::{About, Description};
-use crate::merge::{AXES, QUANTITIES, Quantity};
 use rerun::blueprint::{ContainerLike, Grid, Horizontal, Vertical};
 use std::collections::BTreeMap;
+use supertwin_core::Signal;
+use supertwin_core::axes::AXIS_NAMES;
+use supertwin_core::signal::controller;
+use supertwin_core::signal::tracking::{QUANTITIES, Quantity};
 
 pub(super) static DASHBOARD: Description = Description {
     name: "compare",
@@ -81,11 +84,13 @@ fn scores(canvas: &mut Canvas, compared: &Compared) -> Option<ContainerLike> {
     }
     let left = Vertical::new(left).with_row_shares([2.0, 1.0]).into();
     // Bars have no names of their own; the legend of this plot is theirs as well.
-    let by_speed = [1_usize, 0, 2, 3, 4, 5].map(|i| QUANTITIES[i]);
-    let there = by_speed.iter().find(|quantity| compared.plots.contains_key(&format!("rms/{}", quantity.name)));
+    let by_speed = [1_usize, 0, 2, 3, 4, 5].map(|i| &QUANTITIES[i]);
+    let there =
+        by_speed.iter().find(|quantity| compared.plots.contains_key(&format!("rms/{}", quantity.signal.name())));
     let key = there.map(|quantity| {
-        let title = format!("Legend; {}: RMS error over 10 s [{}]", quantity.title.to_lowercase(), quantity.unit);
-        (format!("rms/{}", quantity.name), title)
+        let title =
+            format!("Legend; {}: RMS error over 10 s [{}]", quantity.title.to_lowercase(), quantity.signal.unit(0));
+        (format!("rms/{}", quantity.signal.name()), title)
     });
     let mut right = plots(canvas, compared, key);
     let charts: Vec<_> = compared.bars.iter().map(|(title, entities)| canvas.bars(title, entities)).collect();
@@ -99,8 +104,8 @@ fn scores(canvas: &mut Canvas, compared: &Compared) -> Option<ContainerLike> {
 
 fn curves(canvas: &mut Canvas, compared: &Compared) -> Option<ContainerLike> {
     let wanted = QUANTITIES.iter().map(|quantity| {
-        let what = if compared.several && quantity.angle { " minus reference" } else { "" };
-        (format!("curve/{}", quantity.name), format!("{}{what} [{}]", quantity.title, quantity.unit))
+        let what = if compared.several && quantity.is_angle() { " minus reference" } else { "" };
+        (format!("curve/{}", quantity.signal.name()), format!("{}{what} [{}]", quantity.title, quantity.signal.unit(0)))
     });
     let plots = plots(canvas, compared, wanted);
     if plots.is_empty() {
@@ -108,8 +113,7 @@ fn curves(canvas: &mut Canvas, compared: &Compared) -> Option<ContainerLike> {
     }
     let mut rows: Vec<ContainerLike> = vec![Grid::new(plots).with_grid_columns(2).into()];
     if !compared.lanes.is_empty() {
-        let lanes: Vec<&str> = compared.lanes.iter().map(String::as_str).collect();
-        rows.push(canvas.lanes("Guidance mode", &lanes));
+        rows.push(canvas.lanes("Guidance mode", &compared.lanes));
     }
     Some(Vertical::new(rows).with_row_shares([6.0, 1.5]).with_name("Curves").into())
 }
@@ -134,15 +138,12 @@ fn differences(canvas: &mut Canvas, compared: &Compared) -> Option<ContainerLike
 }
 
 fn adaptation(canvas: &mut Canvas, compared: &Compared) -> Option<ContainerLike> {
-    let units = ["m/s", "m/s", "m", "rad"];
-    let sigma = AXES
-        .iter()
-        .zip(units)
-        .map(|(axis, unit)| (format!("sigma/{axis}"), format!("Sliding variable σ, {axis} [{unit}]")));
-    let k1 = AXES.iter().map(|axis| {
-        let unit = if *axis == "yaw" { "N m/√σ" } else { "N/√σ" };
-        (format!("k1/{axis}"), format!("Gain k1, {axis} [{unit}]"))
-    });
+    let per_axis = |kind: &'static str, title: &'static str, signal: &'static Signal| {
+        let plot = move |(i, axis)| (format!("{kind}/{axis}"), format!("{title}, {axis} [{}]", signal.unit(i)));
+        AXIS_NAMES.iter().enumerate().map(plot)
+    };
+    let sigma = per_axis("sigma", "Sliding variable σ", &controller::SIGMA);
+    let k1 = per_axis("k1", "Gain k1", &controller::K1);
     let plots = plots(canvas, compared, sigma.chain(k1));
     let columns = if plots.len() > 4 { 4 } else { 2 };
     grid("Adaptation", columns, plots)
@@ -150,7 +151,9 @@ fn adaptation(canvas: &mut Canvas, compared: &Compared) -> Option<ContainerLike>
 
 /// Where the curves of each quantity are, and the title of their plot.
 fn per_quantity(kind: &str, title: impl Fn(&str, &str) -> String) -> Vec<(String, String)> {
-    let plot = |quantity: &Quantity| (format!("{kind}{}", quantity.name), title(quantity.title, quantity.unit));
+    let plot = |quantity: &Quantity| {
+        (format!("{kind}{}", quantity.signal.name()), title(quantity.title, quantity.signal.unit(0)))
+    };
     QUANTITIES.iter().map(plot).collect()
 }
 

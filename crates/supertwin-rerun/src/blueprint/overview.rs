@@ -1,8 +1,9 @@
 //! Where is the vehicle, and what is it doing?
 
 use super::Description;
-use super::views::{Canvas, Legend, all};
+use super::views::{Canvas, Legend, entity};
 use rerun::blueprint::{ContainerLike, Horizontal, Vertical};
+use supertwin_core::signal::{controller, guidance, reference, tracking};
 
 pub(super) static DASHBOARD: Description = Description {
     name: "overview",
@@ -27,17 +28,14 @@ fn views(canvas: &mut Canvas) -> ContainerLike {
         [-36.0, -36.0, -38.0],
         [0.0, 0.0, 9.0],
     );
-    let modes = canvas
-        .lanes("Modes", &["/guidance/reference/mode", "/guidance/reason", "/controller/law", "/controller/status"]);
+    let modes = [&reference::MODE, &guidance::REASON, &controller::LAW, &controller::STATUS].map(entity);
+    let modes = canvas.lanes("Modes", &modes);
     let below = Horizontal::new([pen, modes]).with_column_shares([1.0, 1.15]);
     let left = Vertical::new([vehicle, below.into()]).with_row_shares([3.0, 2.0]);
-    let plots = [
-        ("Distance to net [m]", "/tracking/distance"),
-        ("Depth [m]", "/tracking/depth"),
-        ("Heading [rad]", "/tracking/heading"),
-    ];
+    let plots =
+        [("Distance to net", &tracking::DISTANCE), ("Depth", &tracking::DEPTH), ("Heading", &tracking::HEADING)];
     let mut right: Vec<_> =
-        plots.iter().map(|(name, path)| canvas.plot(name, &[all(path)], Legend::Beside(0.18))).collect();
+        plots.iter().map(|(name, signal)| canvas.signal(name, signal, Legend::Beside(0.18))).collect();
     right.push(canvas.events("Events"));
     let right = Vertical::new(right).with_row_shares([1.0, 1.0, 1.0, 0.9]);
     Horizontal::new([left.into(), right.into()]).with_column_shares([1.1, 0.9]).with_name("Overview").into()

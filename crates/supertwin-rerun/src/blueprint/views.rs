@@ -11,6 +11,8 @@ use rerun::blueprint::{
 use rerun::datatypes::{TimeRange, TimeRangeBoundary, VisibleTimeRange};
 use rerun::external::re_sdk_types::blueprint::{archetypes as properties, components as values, datatypes};
 use rerun::{AsComponents, SerializedComponentBatch};
+use supertwin_core::Signal;
+use supertwin_core::signal::Component;
 
 /// What is being drawn so far.
 #[derive(Debug)]
@@ -55,14 +57,40 @@ pub struct Curves {
     pub broad: bool,
 }
 
-/// All components of an entity.
-pub(super) fn all(entity: &str) -> Curves {
-    Curves { entity: entity.to_owned(), ..Curves::default() }
+/// Where a signal is in a recording.
+pub(super) fn entity(signal: &Signal) -> String {
+    format!("/{}", signal.path)
 }
 
-/// One component of an entity with `width` of them.
-pub(super) fn only(entity: &str, component: usize, width: usize) -> Curves {
-    Curves { entity: entity.to_owned(), only: Some((component, width)), ..Curves::default() }
+/// All signals that stand beside this one.
+pub(super) fn siblings(signal: &Signal) -> String {
+    format!("/{}/**", signal.path.rsplit_once('/').map_or(signal.path, |(below, _)| below))
+}
+
+/// Units of a signal, each once.
+fn units(signal: &Signal) -> String {
+    let mut units: Vec<&str> = Vec::new();
+    for unit in signal.units {
+        if !units.contains(unit) {
+            units.push(unit);
+        }
+    }
+    units.join(", ")
+}
+
+/// All components of the signal at `path`.
+pub(super) fn all(path: &str) -> Curves {
+    Curves { entity: format!("/{path}"), ..Curves::default() }
+}
+
+/// One component of a signal.
+pub(super) fn only(component: Component) -> Curves {
+    only_of(component, component.signal.width())
+}
+
+/// One component of a signal that shows only `width` of them.
+pub(super) fn only_of(component: Component, width: usize) -> Curves {
+    Curves { only: Some((component.index, width)), ..all(component.signal.path) }
 }
 
 impl Curves {
@@ -117,6 +145,16 @@ impl Canvas {
         Self { about: about.clone(), views: Vec::new(), properties: Vec::new() }
     }
 
+    /// All components of a signal over time, with its units in the title.
+    pub(super) fn signal(&mut self, name: &str, signal: &Signal, legend: Legend) -> ContainerLike {
+        self.plot(&format!("{name} [{}]", units(signal)), &[all(signal.path)], legend)
+    }
+
+    /// One component of a signal over time, with its unit in the title.
+    pub(super) fn component(&mut self, name: &str, component: Component) -> ContainerLike {
+        self.plot(&format!("{name} [{}]", component.unit()), &[only(component)], Legend::None)
+    }
+
     /// Curves over time.
     pub(super) fn plot(&mut self, name: &str, curves: &[Curves], legend: Legend) -> ContainerLike {
         let mut view = TimeSeriesView::new(name).with_contents(curves.iter().map(|curves| curves.entity.as_str()));
@@ -139,11 +177,11 @@ impl Canvas {
     }
 
     /// States over time, a lane for each entity.
-    pub(super) fn lanes(&mut self, name: &str, entities: &[&str]) -> ContainerLike {
-        let view = StateTimelineView::new(name).with_contents(entities.iter().copied()).into();
+    pub(super) fn lanes(&mut self, name: &str, entities: &[String]) -> ContainerLike {
+        let view = StateTimelineView::new(name).with_contents(entities.iter().map(String::as_str)).into();
         // It knows no range of its own; linked, it shows what the time panel shows.
         self.set(&view, "TimeAxis", &properties::TimeAxis::new().with_link(values::LinkAxis::LinkToGlobal));
-        self.keep(&view, name, entities.iter().map(|&entity| entity.to_owned()).collect());
+        self.keep(&view, name, entities.to_vec());
         view
     }
 

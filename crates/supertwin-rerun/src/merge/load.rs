@@ -4,6 +4,7 @@ use super::MergedRun;
 use super::series::Series;
 use crate::chunks::{Problem, text};
 use crate::read::{self, Damage, ReadError, Recording};
+use crate::scene::NET;
 use crate::writer::Job;
 use crate::{TICK, TIME};
 use rerun::EntityPath;
@@ -13,33 +14,14 @@ use rerun::log::{Chunk, ChunkId, RowId};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use supertwin_core::Property;
+use supertwin_core::signal::tracking::{self, QUANTITIES, Quantity};
+use supertwin_core::signal::{controller, reference, truth};
 use supertwin_core::source::Columns;
 
-/// A quantity that is tracked.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Quantity {
-    /// Last part of the path of its signal, `tracking/<name>`: measured, reference, true.
-    pub(crate) name: &'static str,
-    pub(crate) title: &'static str,
-    pub(crate) unit: &'static str,
-    pub(crate) angle: bool,
-}
-
-pub(crate) const QUANTITIES: [Quantity; 6] = [
-    Quantity { name: "distance", title: "Distance to net", unit: "m", angle: false },
-    Quantity { name: "speed", title: "Total speed", unit: "m/s", angle: false },
-    Quantity { name: "surge", title: "Surge speed", unit: "m/s", angle: false },
-    Quantity { name: "sway", title: "Sway speed", unit: "m/s", angle: false },
-    Quantity { name: "depth", title: "Depth", unit: "m", angle: false },
-    Quantity { name: "heading", title: "Heading", unit: "rad", angle: true },
-];
-
-pub(crate) const AXES: [&str; 4] = ["surge", "sway", "heave", "yaw"];
-pub(super) const SIGMA: &str = "controller/sigma";
-pub(super) const K1: &str = "controller/k1";
-pub(super) const POSE: &str = "plant/truth/pose";
-pub(super) const MODE: &str = "guidance/reference/mode";
-const NET: &str = "world/net";
+/// Components of every tracked quantity.
+pub(super) const MEASURED: usize = tracking::DISTANCE.at("measured").index;
+pub(super) const REFERENCE: usize = tracking::DISTANCE.at("reference").index;
+const TRUE: usize = tracking::DISTANCE.at("true").index;
 
 /// Averages move slowly.
 const RMS_EVERY: i64 = 5;
@@ -85,7 +67,12 @@ impl Shift {
 }
 
 fn is_compared(path: &str) -> bool {
-    path.starts_with("tracking/") || [SIGMA, K1, POSE].contains(&path)
+    is_tracked(path) || [controller::SIGMA.path, controller::K1.path, truth::POSE.path].contains(&path)
+}
+
+/// Whether this is the signal of a tracked quantity.
+pub(super) fn is_tracked(path: &str) -> bool {
+    QUANTITIES.iter().any(|quantity| quantity.signal.path == path)
 }
 
 fn files(run: &MergedRun) -> Result<Vec<PathBuf>, ReadError> {
@@ -97,15 +84,15 @@ fn files(run: &MergedRun) -> Result<Vec<PathBuf>, ReadError> {
 
 /// Reads what is compared, at every so many ticks.
 pub(super) fn load(run: &MergedRun, every: i64) -> Result<Loaded, ReadError> {
-    let kept = |path: &str| path == MODE || path == NET;
+    let kept = |path: &str| path == reference::MODE.path || path == NET;
     let (mut recording, drawings) = read::read_and_keep(&files(run)?, &is_compared, &kept)?;
     let shift = Shift::new(run.offset_ns, &recording);
     recording.signals.retain(|_, columns| !columns.tick.is_empty());
     recording.signals.values_mut().for_each(|columns| shift.apply(columns));
-    let rms = [0, 2].map(|which| {
-        QUANTITIES.map(|quantity| {
-            let columns = recording.signals.get(&format!("tracking/{}", quantity.name))?;
-            let error = Series::error(columns, which, 1, quantity.angle)?;
+    let rms = [MEASURED, TRUE].map(|which| {
+        QUANTITIES.each_ref().map(|quantity| {
+            let columns = recording.signals.get(quantity.signal.path)?;
+            let error = Series::error(columns, which, REFERENCE, quantity.is_angle())?;
             Some(error.rms(RMS_EVERY.max(every))).filter(|rms| !rms.tick.is_empty())
         })
     });
@@ -136,8 +123,8 @@ impl Loaded {
     }
 
     /// Measured, reference and true of a quantity.
-    pub(super) fn tracking(&self, quantity: Quantity) -> Option<&Columns> {
-        self.signals.get(&format!("tracking/{}", quantity.name))
+    pub(super) fn tracking(&self, quantity: &Quantity) -> Option<&Columns> {
+        self.signals.get(quantity.signal.path)
     }
 
     /// The net, to be drawn at `entity`.
@@ -147,7 +134,7 @@ impl Loaded {
 
     /// The mode of guidance, to be drawn at `entity`.
     pub(super) fn mode(&self, entity: &EntityPath) -> Result<Vec<Chunk>, Problem> {
-        self.moved(MODE, entity)
+        self.moved(reference::MODE.path, entity)
     }
 
     fn moved(&self, path: &str, entity: &EntityPath) -> Result<Vec<Chunk>, Problem> {

@@ -28,7 +28,6 @@ use crate::read::{Damage, ReadError};
 use crate::writer::Writer;
 use crate::{COMPARISON, place, style};
 use load::Loaded;
-pub(crate) use load::{AXES, QUANTITIES, Quantity};
 use rerun::external::re_log_encoding::EncodingOptions;
 use rerun::{StoreId, StoreKind};
 pub use scores::{Better, Cell, Row, Scores};
@@ -36,6 +35,7 @@ use std::collections::BTreeSet;
 use std::fs::File;
 use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
+use supertwin_core::signal::tracking;
 
 /// Rows of all runs together that a file may have at full rate; with more, only every so many ticks are drawn.
 const MOST_ROWS: usize = 200_000;
@@ -144,8 +144,8 @@ pub fn merge(merge: &Merge, out: &Path, overwrite: bool) -> Result<Merged, Merge
     let nothing = merge.runs.iter().zip(&runs).filter(|(_, loaded)| loaded.rows() == 0);
     merged.empty = nothing.map(|(run, _)| run.name.clone()).collect();
     if merged.empty.len() == runs.len() {
-        let what = "in none of the recordings is there any signal that is compared, such as tracking/sway";
-        return Err(MergeError::Call(what.to_owned()));
+        let what = "in none of the recordings is there any signal that is compared, such as";
+        return Err(MergeError::Call(format!("{what} {}", tracking::SWAY.path)));
     }
     let failed = |cause: String| MergeError::Write { path: out.to_owned(), cause };
     let written = place::create(out, overwrite, |file, _| to_file(merge, &runs, merged.every_ticks, file));
@@ -267,7 +267,7 @@ mod tests {
 
     #[test]
     fn a_name_is_one_part_of_a_path_whatever_is_in_it() {
-        let path = of_run("a/b.c 1", "tracking/sway");
+        let path = of_run("a/b.c 1", tracking::SWAY.path);
         assert_eq!(path.len(), 4);
         assert_eq!(rerun::EntityPath::from(path.to_string()), path);
     }

@@ -1,6 +1,6 @@
 //! What follows from all runs together, and where the dashboard finds it.
 
-use super::load::{AXES, K1, Loaded, MODE, POSE, QUANTITIES, SIGMA};
+use super::load::{Loaded, MEASURED, REFERENCE, is_tracked};
 use super::series::{self, Series};
 use super::{Label, Merge, labels, of_run, scores};
 use crate::blueprint::{self, Compared, Curves, Dashboard};
@@ -11,7 +11,10 @@ use crate::writer::Job;
 use rerun::external::re_log_types::{SetStoreInfo, StoreInfo, StoreSource};
 use rerun::log::RowId;
 use rerun::{EntityPath, RecordingInfo, StoreId};
+use supertwin_core::axes::AXIS_NAMES;
 use supertwin_core::run::Properties;
+use supertwin_core::signal::tracking::QUANTITIES;
+use supertwin_core::signal::{Component, controller, reference, truth};
 use supertwin_core::source::Columns;
 
 /// Rows of a piece.
@@ -24,6 +27,9 @@ const MOST_REFERENCES: usize = 3;
 const MOVE_EVERY_NS: i64 = 200_000_000;
 /// Names beside vehicles are read up to so many.
 const MOST_NAMES: usize = 8;
+
+/// Where a vehicle is in the picture.
+const PLACE: [Component; 3] = [truth::POSE.at("north"), truth::POSE.at("east"), truth::POSE.at("depth")];
 
 /// Of a median, a single run, and the limits of a group.
 const WIDTHS: [f32; 3] = [2.5, 1.5, 0.75];
@@ -161,37 +167,41 @@ impl<'a> Drawing<'a> {
 
     /// The six quantities, their errors, and what these come to.
     fn tracking(&mut self) -> Result<(), Problem> {
-        for (i, quantity) in QUANTITIES.into_iter().enumerate() {
-            let curve = format!("curve/{}", quantity.name);
-            let error =
-                |which| move |_: usize, run: &Loaded| Series::error(run.tracking(quantity)?, which, 1, quantity.angle);
-            let measured = |_: usize, run: &Loaded| Series::of(run.tracking(quantity)?, 0);
+        for (i, quantity) in QUANTITIES.iter().enumerate() {
+            let name = quantity.signal.name();
+            let curve = format!("curve/{name}");
+            let error = |which| {
+                move |_: usize, run: &Loaded| {
+                    Series::error(run.tracking(quantity)?, which, REFERENCE, quantity.is_angle())
+                }
+            };
+            let measured = |_: usize, run: &Loaded| Series::of(run.tracking(quantity)?, MEASURED);
             // Runs of a group start in any direction: only what they deviate by can be put together.
-            if self.several && quantity.angle {
-                self.curves(&curve, error(0))?;
+            if self.several && quantity.is_angle() {
+                self.curves(&curve, error(MEASURED))?;
             } else {
                 self.curves(&curve, measured)?;
             }
-            self.curves(&format!("error/{}", quantity.name), error(0))?;
-            self.curves(&format!("rms/{}", quantity.name), |_, run| run.rms[0][i].clone())?;
-            self.curves(&format!("true_rms/{}", quantity.name), |_, run| run.rms[1][i].clone())?;
+            self.curves(&format!("error/{name}"), error(MEASURED))?;
+            self.curves(&format!("rms/{name}"), |_, run| run.rms[0][i].clone())?;
+            self.curves(&format!("true_rms/{name}"), |_, run| run.rms[1][i].clone())?;
         }
         Ok(())
     }
 
     /// What was wanted, where the runs do not each want something else.
     fn references(&mut self) -> Result<(), Problem> {
-        for quantity in QUANTITIES {
-            if self.several && quantity.angle {
+        for quantity in &QUANTITIES {
+            if self.several && quantity.is_angle() {
                 continue;
             }
             let mut references: Vec<Series> = Vec::new();
             for run in self.runs {
-                let Some(reference) = run.tracking(quantity).and_then(|columns| Series::of(columns, 1)) else {
+                let Some(reference) = run.tracking(quantity).and_then(|columns| Series::of(columns, REFERENCE)) else {
                     continue;
                 };
                 let same = |known: &Series| {
-                    known.distance(&reference, quantity.angle).is_some_and(|distance| distance <= SAME_REFERENCE)
+                    known.distance(&reference, quantity.is_angle()).is_some_and(|distance| distance <= SAME_REFERENCE)
                 };
                 match references.iter_mut().find(|known| same(known)) {
                     Some(known) if known.tick.len() < reference.tick.len() => *known = reference,
@@ -206,8 +216,8 @@ impl<'a> Drawing<'a> {
                 continue;
             }
             for (i, reference) in references.iter().enumerate() {
-                let kind = format!("curve/{}", quantity.name);
-                let entity = EntityPath::from(format!("compare/reference/{}/{}", quantity.name, i + 1));
+                let kind = format!("curve/{}", quantity.signal.name());
+                let entity = EntityPath::from(format!("compare/reference/{}/{}", quantity.signal.name(), i + 1));
                 let name = "reference";
                 let lines = rerun::SeriesLines::new().with_names([name]).with_colors([style::REFERENCE]);
                 self.jobs.push(Job::Chunk(fixed(entity.clone(), &lines.with_widths([1.5]))?));
@@ -225,14 +235,14 @@ impl<'a> Drawing<'a> {
         if (0..runs.len()).all(|run| against(run).is_none()) {
             return Ok(());
         }
-        for (i, quantity) in QUANTITIES.into_iter().enumerate() {
-            let kinds = [format!("difference/rms_{}", quantity.name), format!("difference/{}", quantity.name)];
+        for (i, quantity) in QUANTITIES.iter().enumerate() {
+            let kinds = ["difference/rms_", "difference/"].map(|kind| format!("{kind}{}", quantity.signal.name()));
             self.curves(&kinds[0], |run, loaded| {
                 Some(loaded.rms[0][i].as_ref()?.minus(against(run)?.rms[0][i].as_ref()?, false))
             })?;
             self.curves(&kinds[1], |run, loaded| {
-                let of = |run: &Loaded| Series::of(run.tracking(quantity)?, 0);
-                Some(of(loaded)?.minus(&of(against(run)?)?, quantity.angle))
+                let of = |run: &Loaded| Series::of(run.tracking(quantity)?, MEASURED);
+                Some(of(loaded)?.minus(&of(against(run)?)?, quantity.is_angle()))
             })?;
             for kind in &kinds {
                 // Alone it says nothing.
@@ -264,10 +274,10 @@ impl<'a> Drawing<'a> {
 
     /// Sliding variables and gains of the laws that have them.
     fn adaptation(&mut self) -> Result<(), Problem> {
-        for (kind, path) in [("sigma", SIGMA), ("k1", K1)] {
-            for (i, axis) in AXES.into_iter().enumerate() {
+        for (kind, signal) in [("sigma", &controller::SIGMA), ("k1", &controller::K1)] {
+            for (i, axis) in AXIS_NAMES.iter().enumerate() {
                 let kind = format!("{kind}/{axis}");
-                self.curves(&kind, |_, run| Series::of(run.signals.get(path)?, i))?;
+                self.curves(&kind, |_, run| Series::of(run.signals.get(signal.path)?, i))?;
             }
         }
         Ok(())
@@ -287,9 +297,12 @@ impl<'a> Drawing<'a> {
             }
         }
         for (run, loaded) in self.merge.runs.iter().zip(self.runs) {
-            let Some(pose) = loaded.signals.get(POSE).filter(|pose| pose.width >= 3) else { continue };
+            let Some(pose) = loaded.signals.get(truth::POSE.path).filter(|pose| pose.width == truth::POSE.width())
+            else {
+                continue;
+            };
             let kept = now_and_then(&pose.time_ns);
-            let place = |&row: &usize| [0, 1, 2].map(|axis| pose.values[row * pose.width + axis] as f32);
+            let place = |&row: &usize| PLACE.map(|part| pose.values[row * pose.width + part.index] as f32);
             let places: Vec<[f32; 3]> = kept.iter().map(place).collect();
             if places.is_empty() {
                 continue;
@@ -347,10 +360,11 @@ impl<'a> Drawing<'a> {
     /// Where the modes of guidance will be.
     fn modes(&mut self) -> Vec<Job> {
         if !self.several {
-            let has =
-                |loaded: &Loaded| loaded.drawings.iter().any(|piece| *piece.entity_path() == EntityPath::from(MODE));
+            let has = |loaded: &Loaded| {
+                loaded.drawings.iter().any(|piece| *piece.entity_path() == EntityPath::from(reference::MODE.path))
+            };
             let runs = self.merge.runs.iter().zip(self.runs).filter(|(_, loaded)| has(loaded));
-            self.compared.lanes = runs.map(|(run, _)| of_run(&run.name, MODE).to_string()).collect();
+            self.compared.lanes = runs.map(|(run, _)| of_run(&run.name, reference::MODE.path).to_string()).collect();
         }
         Vec::new()
     }
@@ -359,14 +373,14 @@ impl<'a> Drawing<'a> {
     fn signals(&mut self) -> Result<Vec<Job>, Problem> {
         let mut jobs = self.modes();
         for (run, loaded) in self.merge.runs.iter().zip(self.runs) {
-            let shown = |path: &str| path != POSE && (!self.several || path.starts_with("tracking/"));
+            let shown = |path: &str| path != truth::POSE.path && (!self.several || is_tracked(path));
             for (path, columns) in loaded.signals.iter().filter(|(path, _)| shown(path)) {
                 let entity = of_run(&run.name, path);
                 jobs.push(Job::Chunk(fixed(entity.clone(), &lines(path, columns))?));
                 jobs.extend(pieces(&entity, &columns.tick, &columns.time_ns, columns.width, &columns.values));
             }
             if !self.several {
-                jobs.extend(loaded.mode(&of_run(&run.name, MODE))?.into_iter().map(Job::Chunk));
+                jobs.extend(loaded.mode(&of_run(&run.name, reference::MODE.path))?.into_iter().map(Job::Chunk));
             }
         }
         Ok(jobs)

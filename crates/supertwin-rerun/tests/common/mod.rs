@@ -1,35 +1,9 @@
 //! A run that looks like a real one, made up from a few sines.
 
-use supertwin_core::Signal;
 use supertwin_core::run::{Properties, Scene, Severity};
+use supertwin_core::signal::measurements::dvl;
+use supertwin_core::signal::{controller, nav, reference, thrust, tracking, truth};
 use supertwin_core::{Event, RunHeader, RunSink, SinkError, Tick};
-
-macro_rules! signals {
-    ($($name:ident = $path:literal $components:expr, $units:expr;)*) => {
-        $(static $name: Signal = Signal { path: $path, components: &$components, units: &$units, about: "" };)*
-    };
-}
-
-signals! {
-    POSE = "plant/truth/pose" ["north", "east", "depth", "heading"], ["m", "m", "m", "rad"];
-    RANGE = "plant/measurements/dvl_range" ["beam1", "beam2", "beam3", "beam4"], ["m"];
-    NAV_NET = "estimator/nav/net" ["distance", "heading"], ["m", "rad"];
-    HEALTH = "estimator/nav/health" ["net_valid", "dead_reckoning"], ["flag"];
-    MODE = "guidance/reference/mode" [], [];
-    DISTANCE = "tracking/distance" ["measured", "reference", "true"], ["m"];
-    SPEED = "tracking/speed" ["measured", "reference", "true"], ["m/s"];
-    SURGE = "tracking/surge" ["measured", "reference", "true"], ["m/s"];
-    SWAY = "tracking/sway" ["measured", "reference", "true"], ["m/s"];
-    DEPTH = "tracking/depth" ["measured", "reference", "true"], ["m"];
-    HEADING = "tracking/heading" ["measured", "reference", "true"], ["rad"];
-    SIGMA = "controller/sigma" ["surge", "sway", "heave", "yaw"], ["m/s", "m/s", "m/s", "rad/s"];
-    K1 = "controller/k1" ["surge", "sway", "heave", "yaw"], ["1"];
-    K2 = "controller/k2" ["surge", "sway", "heave", "yaw"], ["1"];
-    Z = "controller/z" ["surge", "sway", "heave", "yaw"], ["N", "N", "N", "N m"];
-    REQUESTED = "controller/thrust/requested" ["surge", "sway", "heave", "yaw"], ["N", "N", "N", "N m"];
-    ALLOCATED = "controller/thrust/allocated" ["surge", "sway", "heave", "yaw"], ["N", "N", "N", "N m"];
-    FORCE = "controller/thrust/force" ["t1", "t2", "t3", "t4", "t5", "t6", "t7", "t8"], ["N"];
-}
 
 /// Length of a tick in the made-up run.
 pub(crate) const DT_S: f64 = 0.02;
@@ -78,15 +52,15 @@ pub(crate) fn play(sink: &mut impl RunSink, ticks: u64) -> Result<(), SinkError>
         let radius = RADIUS_M - distance;
         let heading = angle + 0.05 * (0.5 * t).sin();
 
-        sink.vector(&POSE, &[radius * angle.cos(), radius * angle.sin(), depth, heading]);
+        sink.vector(&truth::POSE, &[radius * angle.cos(), radius * angle.sin(), depth, heading]);
         if k.is_multiple_of(10) {
             let range = |i: f64| if (k / 10 + i as u64).is_multiple_of(17) { 0.0 } else { distance / 0.906 + noise(i) };
-            sink.vector(&RANGE, &[range(1.0), range(2.0), range(3.0), range(4.0)]);
+            sink.vector(&dvl::RANGE, &[range(1.0), range(2.0), range(3.0), range(4.0)]);
         }
-        sink.vector(&NAV_NET, &[distance + noise(1.0), angle + noise(2.0)]);
-        sink.vector(&HEALTH, &[1.0, f64::from(u8::from((300..330).contains(&k)))]);
+        sink.vector(&nav::NET, &[distance + noise(1.0), angle + noise(2.0), 1e-4, 1e-4]);
+        sink.vector(&nav::HEALTH, &[1.0, f64::from(u8::from((300..330).contains(&k))), 0.0, 0.0, 0.0, 0.0]);
         sink.label(
-            &MODE,
+            &reference::MODE,
             if t < 2.0 {
                 "neutral"
             } else if following {
@@ -96,25 +70,28 @@ pub(crate) fn play(sink: &mut impl RunSink, ticks: u64) -> Result<(), SinkError>
             },
         );
         let three = |wanted: f64, real: f64, i: f64| [real + noise(i), wanted, real];
-        sink.vector(&DISTANCE, &three(wanted, distance, 3.0));
-        sink.vector(&SPEED, &three(0.2 * f64::from(u8::from(following)), 0.2 * since + 0.02 * t.sin().abs(), 4.0));
-        sink.vector(&SURGE, &three(0.0, 0.3 * since * (1.0 - since) + 0.02 * (0.9 * t).cos(), 5.0));
-        sink.vector(&SWAY, &three(0.2 * f64::from(u8::from(following)), 0.2 * since + 0.02 * t.sin(), 6.0));
-        sink.vector(&DEPTH, &three(4.0, depth, 7.0));
-        sink.vector(&HEADING, &three(angle, heading, 8.0));
+        sink.vector(&tracking::DISTANCE, &three(wanted, distance, 3.0));
+        sink.vector(
+            &tracking::SPEED,
+            &three(0.2 * f64::from(u8::from(following)), 0.2 * since + 0.02 * t.sin().abs(), 4.0),
+        );
+        sink.vector(&tracking::SURGE, &three(0.0, 0.3 * since * (1.0 - since) + 0.02 * (0.9 * t).cos(), 5.0));
+        sink.vector(&tracking::SWAY, &three(0.2 * f64::from(u8::from(following)), 0.2 * since + 0.02 * t.sin(), 6.0));
+        sink.vector(&tracking::DEPTH, &three(4.0, depth, 7.0));
+        sink.vector(&tracking::HEADING, &three(angle, heading, 8.0));
         let decay = (-t / 6.0).exp() + 0.5 * since * (1.0 - since);
         let four = |scale: f64, i: f64| {
             [1.0, 0.7, -0.6, 0.3].map(|gain| scale * gain * (decay + 0.1 * (0.7 * t + i + gain).sin()))
         };
-        sink.vector(&SIGMA, &four(0.3, 0.0));
-        sink.vector(&K1, &[8.0, 7.0, 9.0, 3.0].map(|gain| gain * settle));
-        sink.vector(&K2, &[0.8, 0.7, 0.9, 0.3].map(|gain| gain * settle));
-        sink.vector(&Z, &four(12.0, 1.0));
+        sink.vector(&controller::SIGMA, &four(0.3, 0.0));
+        sink.vector(&controller::K1, &[8.0, 7.0, 9.0, 3.0].map(|gain| gain * settle));
+        sink.vector(&controller::K2, &[0.8, 0.7, 0.9, 0.3].map(|gain| gain * settle));
+        sink.vector(&controller::Z, &four(12.0, 1.0));
         let requested = four(60.0, 2.0);
-        sink.vector(&REQUESTED, &requested);
-        sink.vector(&ALLOCATED, &requested.map(|force| force.clamp(-40.0, 40.0)));
+        sink.vector(&thrust::REQUESTED, &requested);
+        sink.vector(&thrust::ALLOCATED, &requested.map(|force| force.clamp(-40.0, 40.0)));
         let forces = [1.0, -1.0, 0.8, -0.8, 0.5, 0.4].map(|gain| gain * requested[0].clamp(-40.0, 40.0) / 2.0);
-        sink.vector(&FORCE, &forces);
+        sink.vector(&thrust::FORCE, &forces);
         let happens = match k {
             100 => Some((Severity::Info, "depth and heading hold")),
             300 => Some((Severity::Warning, "no velocity from the DVL for 0.5 s: dead reckoning")),
