@@ -71,30 +71,13 @@ impl Engine {
             // What a round and its wait took beyond what was meant is a stall of this process, and nobody's silence.
             let stall = round.saturating_sub(expected);
             if stall > STALL {
-                self.hosts.iter_mut().for_each(|host| host.held_up(stall));
+                self.hosts.iter_mut().for_each(|host| host.held_up(stall, round));
             }
-            let (mut requests, mut arrivals) = (0, 0);
-            while arrivals < ARRIVALS_AT_ONCE {
-                arrivals += 1;
-                match self.mailbox.take(requests < REQUESTS_AT_ONCE) {
-                    None => break,
-                    Some(Arrival::Wire(host, wire, payload)) => self.hosts[host].deliver(wire, &payload),
-                    Some(Arrival::Request(host, query)) => {
-                        requests += 1;
-                        self.hosts[host].request(query);
-                    }
-                }
-            }
-            let overflow = self.mailbox.overflow();
-            let mut busy = false;
-            for host in &mut self.hosts {
-                busy |= host.poll(overflow);
-            }
-            self.fold();
+            let busy = self.round(round);
             look(self.digested);
             expected = round;
             if !busy && self.hosts.iter().any(|host| host.ending().is_none()) {
-                let deadline = self.hosts.iter().filter_map(|host| host.deadline()).min();
+                let deadline = self.deadline();
                 self.mailbox.wait(&*self.clock, deadline);
                 // Whoever was woken earlier was woken by an arrival, in time.
                 expected = deadline.unwrap_or(round).max(round).min(self.clock.now());
@@ -111,6 +94,35 @@ impl Engine {
         });
         let progress = progress.collect();
         Finished { progress, endings: endings.collect(), digest: self.digest, ticks: self.digested }
+    }
+
+    /// Hands what has arrived to the hosts and lets each do what it can at `now`; true when something was done.
+    pub fn round(&mut self, now: Duration) -> bool {
+        let (mut requests, mut arrivals) = (0, 0);
+        while arrivals < ARRIVALS_AT_ONCE {
+            arrivals += 1;
+            match self.mailbox.take(requests < REQUESTS_AT_ONCE) {
+                None => break,
+                Some(Arrival::Wire(host, wire, payload)) => self.hosts[host].deliver(wire, &payload, now),
+                Some(Arrival::Request(host, query)) => {
+                    requests += 1;
+                    self.hosts[host].request(query, now);
+                }
+            }
+        }
+        let overflow = self.mailbox.overflow();
+        let mut busy = false;
+        for host in &mut self.hosts {
+            busy |= host.poll(overflow, now);
+        }
+        self.fold();
+        busy
+    }
+
+    /// When the next round is due, if nothing arrives.
+    #[must_use]
+    pub fn deadline(&self) -> Option<Duration> {
+        self.hosts.iter().filter_map(|host| host.deadline()).min()
     }
 
     /// Folds the hashes of ticks that all four services have done.

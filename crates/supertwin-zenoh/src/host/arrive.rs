@@ -26,7 +26,7 @@ impl<B: Wired + 'static> Host<B> {
             Side::Operator => {
                 let gone = payload.to_bytes();
                 let client = String::from_utf8_lossy(&gone);
-                let now = self.clock.now();
+                let now = self.now;
                 if let Some(authority) = &mut self.authority
                     && authority.vanished(&client)
                 {
@@ -39,7 +39,7 @@ impl<B: Wired + 'static> Host<B> {
     }
 
     pub(super) fn port(&mut self, number: usize, i: usize, payload: &ZBytes) {
-        let now = self.clock.now();
+        let now = self.now;
         let elapsed_s = now.saturating_sub(self.heard_at).as_secs_f64();
         let factor = if let Pace::RealTime(factor) = self.options.pace { factor } else { 1.0 };
         let ahead = (elapsed_s * factor + FUTURE_S) / self.options.tick_s;
@@ -166,7 +166,7 @@ impl<B: Wired + 'static> Host<B> {
         if seen.run != self.run {
             return;
         }
-        let now = self.clock.now();
+        let now = self.now;
         let name = |source: &str| source.rsplit_once('-').map_or(source.to_owned(), |(name, _)| name.to_owned());
         let Some(witness) = self.witnesses.iter_mut().find(|witness| witness.name == name(&seen.source)) else {
             return;
@@ -189,7 +189,7 @@ impl<B: Wired + 'static> Host<B> {
         if self.authority.is_none()
             && let Ok(state) = serde_json::from_slice::<LeaseState>(payload)
         {
-            self.lease.update(state, self.clock.now());
+            self.lease.update(state, self.now);
         }
     }
 
@@ -198,7 +198,7 @@ impl<B: Wired + 'static> Host<B> {
     }
 
     pub(super) fn streamed(&mut self, i: usize, payload: &[u8]) {
-        let now = self.clock.now();
+        let now = self.now;
         let taken = (|| {
             if payload.len() > MAX_REQUEST {
                 return Err(format!("{} bytes", payload.len()));

@@ -30,7 +30,7 @@ pub(crate) fn shortest(known: Duration, lap: Duration) -> Duration {
 
 impl<B: Wired + 'static> Host<B> {
     pub(super) fn poll_lock_step(&mut self) -> bool {
-        let now = self.clock.now();
+        let now = self.now;
         let done = self.options.ticks.is_some_and(|ticks| self.next >= ticks);
         let mut ready = Ready(self.next, true);
         B::visit(&mut self.ports, &mut ready);
@@ -85,7 +85,7 @@ impl<B: Wired + 'static> Host<B> {
     }
 
     pub(super) fn poll_real_time(&mut self) -> bool {
-        let now = self.clock.now();
+        let now = self.now;
         let beat = self.beat_length();
         if self.options.ticks.is_some_and(|ticks| self.next >= ticks) {
             self.ending = Some(Ending::Complete);

@@ -13,7 +13,7 @@ use supertwin_protocol::keys;
 
 impl<B: Wired + 'static> Host<B> {
     pub(super) fn housekeeping(&mut self, overflow: Overflow) {
-        let now = self.clock.now();
+        let now = self.now;
         if overflow != self.overflow {
             let lost = overflow.wires + overflow.requests - self.overflow.wires - self.overflow.requests;
             self.overflow = overflow;
@@ -45,7 +45,7 @@ impl<B: Wired + 'static> Host<B> {
             .iter()
             .zip(&self.wires)
             .map(|((key, _), wire)| {
-                let silent = self.clock.now().saturating_sub(wire.ledger.heard_at()).as_secs_f64();
+                let silent = self.now.saturating_sub(wire.ledger.heard_at()).as_secs_f64();
                 let health = InputHealth {
                     source: wire.ledger.source().to_owned(),
                     counts: wire.ledger.counts,

@@ -102,14 +102,14 @@ pub enum Ending {
 pub trait Hosted: Send {
     /// The service's name.
     fn service(&self) -> &'static str;
-    /// A message on wire `wire`.
-    fn deliver(&mut self, wire: usize, payload: &ZBytes);
-    /// A request.
-    fn request(&mut self, query: Query);
+    /// Takes a message that has arrived on wire `wire`.
+    fn deliver(&mut self, wire: usize, payload: &ZBytes, now: Duration);
+    /// Takes a request that has arrived.
+    fn request(&mut self, query: Query, now: Duration);
     /// The thread was held up for so long: others who were not heard meanwhile were not silent.
-    fn held_up(&mut self, stall: Duration);
-    /// Does what can be done now; true when something was.
-    fn poll(&mut self, overflow: Overflow) -> bool;
+    fn held_up(&mut self, stall: Duration, now: Duration);
+    /// Does what can be done at `now`; true when something was.
+    fn poll(&mut self, overflow: Overflow, now: Duration) -> bool;
     /// When it wants to be polled again, if nothing arrives.
     fn deadline(&self) -> Option<Duration>;
     /// Whether it is over, and how.
@@ -222,7 +222,10 @@ pub struct Host<B: Wired> {
     probe: DigestProbe,
     desk: Desk<B::Command>,
     options: HostOptions<B::Command>,
+    /// Stamps what is sent, and times steps; deadlines go by `now`.
     clock: Arc<dyn Clock>,
+    /// The moment at which whoever drives the host has called it.
+    now: Duration,
     source: String,
     run: String,
     next: u64,
@@ -424,6 +427,7 @@ impl<B: Wired + 'static> Host<B> {
             asides: asides.0,
             options,
             clock,
+            now,
             _subscribers: subscribers,
             _liveliness: liveliness,
             _queryables: Vec::new(),
@@ -527,22 +531,24 @@ where
         B::NAME
     }
 
-    fn deliver(&mut self, wire: usize, payload: &ZBytes) {
+    fn deliver(&mut self, wire: usize, payload: &ZBytes, now: Duration) {
+        self.now = now;
         self.wire(wire, payload);
     }
 
-    fn request(&mut self, query: Query) {
+    fn request(&mut self, query: Query, now: Duration) {
+        self.now = now;
         self.answer(query);
     }
 
-    fn held_up(&mut self, stall: Duration) {
-        let now = self.clock.now();
+    fn held_up(&mut self, stall: Duration, now: Duration) {
         for wire in &mut self.wires {
             wire.ledger.forgive(stall, now);
         }
     }
 
-    fn poll(&mut self, overflow: Overflow) -> bool {
+    fn poll(&mut self, overflow: Overflow, now: Duration) -> bool {
+        self.now = now;
         if self.ending.is_some() {
             return false;
         }
@@ -556,7 +562,7 @@ where
         }
         let next = if self.lock_step() {
             // Without an output there is nothing to repeat; patience is looked at now and then.
-            let look = self.clock.now() + Duration::from_millis(500);
+            let look = self.now + Duration::from_millis(500);
             Some(if self.output.is_some() { look.min(self.sent_at + self.repeat_after) } else { look })
         } else {
             self.beat.due

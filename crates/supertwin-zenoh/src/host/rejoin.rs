@@ -65,6 +65,8 @@ impl<B: Wired + 'static> Host<B> {
         for (i, payload) in held {
             self.offer_held(i, &payload, &newest.run);
         }
+        // The answers took their time.
+        self.now = self.clock.now();
         for payload in lease {
             self.lease_state(&payload.to_bytes());
         }
@@ -82,7 +84,7 @@ impl<B: Wired + 'static> Host<B> {
             ledger: &mut scratch,
             run: &mut its_run,
             lock_step: false,
-            now: self.clock.now(),
+            now: self.now,
             newest_allowed: u64::MAX - 1,
             outcome: Delivered::Nothing,
         };

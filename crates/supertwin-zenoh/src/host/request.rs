@@ -58,7 +58,7 @@ impl<B: Wired + 'static> Host<B> {
     }
 
     pub(super) fn moment(&self) -> Moment {
-        Moment { now: self.clock.now(), next: self.next, tick_s: self.options.tick_s, lead: self.options.lead_ticks }
+        Moment { now: self.now, next: self.next, tick_s: self.options.tick_s, lead: self.options.lead_ticks }
     }
 
     pub(super) fn command(&mut self, name: &str, payload: &[u8], from: &str) -> Result<Value, Value> {
@@ -110,7 +110,7 @@ impl<B: Wired + 'static> Host<B> {
     }
 
     pub(super) fn authority(&mut self, payload: &[u8], from: &str) -> Result<Value, Value> {
-        let now = self.clock.now();
+        let now = self.now;
         let Some(authority) = &mut self.authority else {
             return Err(json!({ "reason": "this service does not keep the authority" }));
         };

@@ -57,7 +57,7 @@ impl<B: Wired + 'static> Host<B> {
         // A flood makes one event a second, not one per message; every one is counted.
         let (at, count) = &mut self.refused_reported;
         *count += 1;
-        let now = self.clock.now();
+        let now = self.now;
         if *count == 1 || now.saturating_sub(*at) >= Duration::from_secs(1) {
             // What others wrote is quoted, but an event has its limits.
             let what: String = what.chars().filter(|c| !c.is_control()).take(300).collect();

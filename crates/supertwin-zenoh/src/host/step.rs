@@ -23,7 +23,7 @@ impl<B: Wired + 'static> Host<B> {
         if !self.options.takes_setpoints {
             return OperatorLink::Present;
         }
-        let now = self.clock.now();
+        let now = self.now;
         let (deadman, lease) = (self.options.deadman, self.lease());
         let silent = self.streams.iter().any(|stream| {
             // A stream whose client has given the authority back is over.
