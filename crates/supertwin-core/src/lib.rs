@@ -3,7 +3,7 @@
 //! * [`Block`]: a discrete-time system `x⁺, y = f(x, u)`; four of them form the ring.
 //! * [`message`]: the values on the wires, each type with the key it travels on.
 //! * [`Input`] and [`Prev`]: what a block is handed, with its age; the one legal unit delay.
-//! * [`Port`] and [`Wired`]: where inputs arrive when they come over wires.
+//! * [`Wired`], [`Wires`] and [`Ports`]: which wires end at a block, and what arrives over them.
 //! * [`Observe`], [`Probe`], [`Signal`]: a quantity shows itself once, and every listener hears it.
 //! * [`signal`]: every signal by its handle.
 //! * [`RunSink`] and [`RunSource`]: where a run is written to and read from, without naming a file format.
@@ -37,7 +37,7 @@ pub use message::Message;
 pub use notice::{Notice, Notices, Watch};
 pub use observe::{Observe, Probe};
 pub use parameter::ParameterChange;
-pub use port::{Port, PortRule, Wired};
+pub use port::{Port, PortRule, Ports, Wired, Wires};
 pub use run::{Event, NoSink, Property, RunHeader, RunSink, SinkError};
 pub use signal::Signal;
 pub use source::RunSource;

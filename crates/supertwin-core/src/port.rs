@@ -1,9 +1,12 @@
 //! Where a block's inputs arrive: messages with the tick they were made at, and the rule by which `step` sees them.
 //!
-//! A block says once which wires it listens to ([`Wired`]); any host, in any process, can then feed it.
+//! A block says once which wires it listens to ([`Wired::input`]). The ring in one process, a host in another process and a
+//! replay all hand it its inputs by that, each with [`Wires`] of its own.
 
 use crate::input::OperatorLink;
 use crate::{Block, Input, Message, Tick};
+use core::any::Any;
+use core::marker::PhantomData;
 
 /// Which message tick k calls fresh.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -12,6 +15,17 @@ pub enum Timing {
     SameTick,
     /// The one made at tick k−1: the unit delay.
     TickBefore,
+}
+
+impl Timing {
+    /// Tick of the message that step k calls fresh; `None` at the first tick of a delayed wire.
+    #[must_use]
+    pub fn expected(self, k: u64) -> Option<u64> {
+        match self {
+            Self::SameTick => Some(k),
+            Self::TickBefore => k.checked_sub(1),
+        }
+    }
 }
 
 /// How a wire ends at a block.
@@ -112,10 +126,7 @@ impl<M> Port<M> {
     /// Tick of the message that step k calls fresh; `None` at the first tick of a delayed wire.
     #[must_use]
     pub fn expected(&self, k: u64) -> Option<u64> {
-        match self.rule.timing {
-            Timing::SameTick => Some(k),
-            Timing::TickBefore => k.checked_sub(1),
-        }
+        self.rule.timing.expected(k)
     }
 
     /// In lock step: step k needs nothing more from this wire.
@@ -168,32 +179,128 @@ pub trait PortVisitor {
     fn port<M: Message>(&mut self, port: &mut Port<M>);
 }
 
+/// Walks over the wires that end at a block.
+pub trait WireVisitor {
+    /// The next wire, always in the same order.
+    fn wire<M: Message>(&mut self, rule: PortRule);
+}
+
 /// Takes messages of any type.
 pub trait MessageVisitor {
     /// The next message.
     fn message<M: Message>(&mut self, message: &M);
 }
 
+/// What arrives at a block, wire by wire.
+pub trait Wires<'a> {
+    /// The newest message.
+    fn newest<M: Message>(&mut self, rule: PortRule) -> Input<&'a M>;
+    /// All messages since the last step, in order.
+    fn every<M: Message>(&mut self, rule: PortRule) -> &'a [M];
+}
+
 /// A block whose inputs come over wires.
 pub trait Wired: Block {
-    /// Its ports.
-    type Ports: Send;
-
     /// It makes the ticks that the others follow.
     const OWNS_TIME: bool = false;
 
-    /// All of them, empty.
-    fn ports() -> Self::Ports;
-
-    /// Shows each port, always in the same order.
-    fn visit<V: PortVisitor>(ports: &mut Self::Ports, visitor: &mut V);
-
-    /// What `step` is handed at `tick`.
-    fn input(ports: &Self::Ports, tick: Tick, operator: OperatorLink) -> Self::In<'_>;
+    /// What `step` is handed. It asks for the same wires in the same order, whatever there is on them: this is also how
+    /// others learn which wires end here.
+    fn input<'a>(wires: &mut impl Wires<'a>, operator: OperatorLink) -> Self::In<'a>;
 
     /// Messages beside the output that nobody waits for, after a step.
     fn asides<V: MessageVisitor>(&self, visitor: &mut V) {
         let _ = visitor;
+    }
+}
+
+/// Tells `visitor` which wires end at a block.
+pub fn wires<B: Wired>(visitor: &mut impl WireVisitor) {
+    struct Asked<'v, V>(&'v mut V);
+    impl<'a, V: WireVisitor> Wires<'a> for Asked<'_, V> {
+        fn newest<M: Message>(&mut self, rule: PortRule) -> Input<&'a M> {
+            self.0.wire::<M>(rule);
+            Input::Missing
+        }
+        fn every<M: Message>(&mut self, rule: PortRule) -> &'a [M] {
+            self.0.wire::<M>(rule);
+            &[]
+        }
+    }
+    B::input(&mut Asked(visitor), OperatorLink::default());
+}
+
+/// A port of any message.
+trait AnyPort: Any + Send {
+    fn boxed(&self) -> Box<dyn AnyPort>;
+}
+
+impl<M: Message> AnyPort for Port<M> {
+    fn boxed(&self) -> Box<dyn AnyPort> {
+        Box::new(self.clone())
+    }
+}
+
+/// The ports of a block that is fed over a network or from a recording, one for each wire that ends at it.
+pub struct Ports<B> {
+    ports: Vec<Box<dyn AnyPort>>,
+    block: PhantomData<fn() -> B>,
+}
+
+impl<B> Clone for Ports<B> {
+    fn clone(&self) -> Self {
+        Self { ports: self.ports.iter().map(|port| port.boxed()).collect(), block: PhantomData }
+    }
+}
+
+impl<B: Wired> Default for Ports<B> {
+    fn default() -> Self {
+        struct Opened(Vec<Box<dyn AnyPort>>);
+        impl WireVisitor for Opened {
+            fn wire<M: Message>(&mut self, rule: PortRule) {
+                self.0.push(Box::new(Port::<M>::new(rule)));
+            }
+        }
+        let mut opened = Opened(Vec::new());
+        wires::<B>(&mut opened);
+        Self { ports: opened.0, block: PhantomData }
+    }
+}
+
+impl<B: Wired> Ports<B> {
+    /// Shows each port, in the order of the wires.
+    pub fn visit(&mut self, visitor: &mut impl PortVisitor) {
+        struct Each<'p, V>(core::slice::IterMut<'p, Box<dyn AnyPort>>, &'p mut V);
+        impl<V: PortVisitor> WireVisitor for Each<'_, V> {
+            fn wire<M: Message>(&mut self, _: PortRule) {
+                let port = self.0.next().map(|port| &mut **port as &mut dyn Any);
+                if let Some(port) = port.and_then(|port| port.downcast_mut::<Port<M>>()) {
+                    self.1.port(port);
+                }
+            }
+        }
+        wires::<B>(&mut Each(self.ports.iter_mut(), visitor));
+    }
+
+    /// What `step` is handed at `tick`.
+    #[must_use]
+    pub fn input(&self, tick: Tick, operator: OperatorLink) -> B::In<'_> {
+        struct Arrived<'p>(core::slice::Iter<'p, Box<dyn AnyPort>>, u64);
+        impl<'p> Arrived<'p> {
+            fn next<M: Message>(&mut self) -> Option<&'p Port<M>> {
+                (&**self.0.next()? as &dyn Any).downcast_ref()
+            }
+        }
+        impl<'p> Wires<'p> for Arrived<'p> {
+            fn newest<M: Message>(&mut self, _: PortRule) -> Input<&'p M> {
+                let k = self.1;
+                self.next::<M>().map_or(Input::Missing, |port| port.newest(k))
+            }
+            fn every<M: Message>(&mut self, _: PortRule) -> &'p [M] {
+                self.next::<M>().map_or(&[], Port::every)
+            }
+        }
+        B::input(&mut Arrived(self.ports.iter(), tick.k), operator)
     }
 }
 

@@ -7,10 +7,9 @@ use serde::{Deserialize, Serialize};
 use supertwin_core::check::{NonNegative, Positive};
 use supertwin_core::command::EstimatorCommand;
 use supertwin_core::message::{DvlPing, Measurements, Nav, NavHealth, NavVariance, Thrust};
-use supertwin_core::port::PortVisitor;
 use supertwin_core::{
-    Block, Input, Notice, Notices, Observe, OperatorLink, Port, PortRule, Prev, Probe, Refusal, Tick, Wired, parameter,
-    signal,
+    Block, Input, Notice, Notices, Observe, OperatorLink, PortRule, Prev, Probe, Refusal, Tick, Wired, Wires,
+    parameter, signal,
 };
 use supertwin_model::Hydrodynamics;
 
@@ -330,27 +329,9 @@ impl Block for Estimator {
     }
 }
 
-/// The wires that end at the estimator.
-#[derive(Clone, Debug)]
-pub struct EstimatorPorts {
-    measurements: Port<Measurements>,
-    thrust: Port<Thrust>,
-}
-
 impl Wired for Estimator {
-    type Ports = EstimatorPorts;
-
-    fn ports() -> EstimatorPorts {
-        EstimatorPorts { measurements: Port::new(PortRule::EVERY), thrust: Port::new(PortRule::BEFORE) }
-    }
-
-    fn visit<V: PortVisitor>(ports: &mut EstimatorPorts, visitor: &mut V) {
-        visitor.port(&mut ports.measurements);
-        visitor.port(&mut ports.thrust);
-    }
-
-    fn input(ports: &EstimatorPorts, tick: Tick, _: OperatorLink) -> EstimatorInput<'_> {
-        EstimatorInput { measurements: ports.measurements.every(), thrust: Prev(ports.thrust.newest(tick.k)) }
+    fn input<'a>(wires: &mut impl Wires<'a>, _: OperatorLink) -> EstimatorInput<'a> {
+        EstimatorInput { measurements: wires.every(PortRule::EVERY), thrust: Prev(wires.newest(PortRule::BEFORE)) }
     }
 }
 

@@ -6,9 +6,8 @@ use serde::{Deserialize, Serialize};
 use supertwin_core::check::{Interval, NonNegative, Positive};
 use supertwin_core::command::{GuidanceCommand, Setpoint, Trajectory};
 use supertwin_core::message::{Direction, Mode, Nav, Reference};
-use supertwin_core::port::PortVisitor;
 use supertwin_core::{
-    Block, Input, Notice, Notices, Observe, OperatorLink, Port, PortRule, Probe, Refusal, Tick, Wired, parameter,
+    Block, Input, Notice, Notices, Observe, OperatorLink, PortRule, Probe, Refusal, Tick, Wired, Wires, parameter,
     signal,
 };
 
@@ -393,25 +392,9 @@ impl Block for Guidance {
     }
 }
 
-/// The wires that end at guidance.
-#[derive(Clone, Debug)]
-pub struct GuidancePorts {
-    nav: Port<Nav>,
-}
-
 impl Wired for Guidance {
-    type Ports = GuidancePorts;
-
-    fn ports() -> GuidancePorts {
-        GuidancePorts { nav: Port::new(PortRule::TRIGGER) }
-    }
-
-    fn visit<V: PortVisitor>(ports: &mut GuidancePorts, visitor: &mut V) {
-        visitor.port(&mut ports.nav);
-    }
-
-    fn input(ports: &GuidancePorts, tick: Tick, operator: OperatorLink) -> GuidanceInput<'_> {
-        GuidanceInput { nav: ports.nav.newest(tick.k), operator }
+    fn input<'a>(wires: &mut impl Wires<'a>, operator: OperatorLink) -> GuidanceInput<'a> {
+        GuidanceInput { nav: wires.newest(PortRule::TRIGGER), operator }
     }
 }
 

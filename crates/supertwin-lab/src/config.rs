@@ -1,6 +1,5 @@
 //! Configuration files: found by name, read with overrides, refused with file, line, path, value and rule.
 
-use crate::trial::{ControllerConfig, ResolvedTrial};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use std::fs::File;
@@ -229,28 +228,6 @@ pub(crate) fn suggestion<'a>(word: &str, known: impl Iterator<Item = &'a str>) -
 pub struct Library {
     root: PathBuf,
     overrides: Vec<Override>,
-}
-
-impl Library {
-    /// # Errors
-    /// When an override of a law's parameter concerns no controller of these trials.
-    pub fn all_used(&self, trials: &[ResolvedTrial]) -> Result<(), ConfigError> {
-        for over in self.overrides.iter().filter(|over| over.section == "controller") {
-            let laws = || {
-                trials.iter().flat_map(|trial| {
-                    std::iter::once(&trial.controller).chain(trial.standby.iter().map(|(_, law)| law))
-                })
-            };
-            let law_named = |config: &ControllerConfig| over.path.get(1).is_none_or(|law| law == config.law.name());
-            if over.path[0] == "law" && !laws().any(law_named) {
-                let mut known: Vec<&str> = laws().map(|config| config.law.name()).collect();
-                known.dedup();
-                let message = format!("no controller here has this law; there are {}", known.join(", "));
-                return Err(ConfigError::Override { text: over.text.clone(), message });
-            }
-        }
-        Ok(())
-    }
 }
 
 /// A file as it was understood.

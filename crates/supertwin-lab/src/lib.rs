@@ -2,7 +2,8 @@
 //!
 //! * [`config`]: files into legal values, with errors that name file, line, path, value and rule.
 //! * [`trial`]: what a trial is, and how its pieces become blocks.
-//! * [`twin`]: the ring of four blocks in lock step, in one process.
+//! * [`ring`]: the four blocks and their order.
+//! * [`twin`]: the ring in lock step, in one process.
 //! * [`run`]: a seeded run from start to scores, into any [`supertwin_core::RunSink`].
 //! * [`sweep`]: campaigns, as lists of such runs.
 //! * [`replay`]: recorded inputs into the blocks again, as they were or with other parameters.
@@ -18,18 +19,21 @@ pub mod mission;
 pub mod paper;
 pub mod replay;
 pub mod rescore;
+pub mod ring;
 pub mod run;
 pub mod score;
 pub mod shadow;
 pub mod statistics;
 pub mod sweep;
 pub mod trial;
+mod trial_config;
 pub mod twin;
-pub mod wire;
+mod wires;
 
 pub use config::{ConfigError, Library, Override};
 pub use rescore::{RescoreError, Rescored, rescore};
+pub use ring::Blocks;
 pub use run::{RunError, RunOutcome, run};
 pub use score::{Scores, Tracking};
 pub use trial::{ResolvedTrial, TrialConfig};
-pub use twin::{Blocks, Twin};
+pub use twin::Twin;

@@ -2,9 +2,9 @@
 
 use crate::config::ConfigError;
 use crate::mission::Mission;
+use crate::ring::Blocks;
 use crate::score::{self, LawSample, OrNan, Scorer, Scores, Tracking};
 use crate::trial::ResolvedTrial;
-use crate::twin::Blocks;
 use supertwin_core::command::{Command, ControllerCommand};
 use supertwin_core::message::{Nav, Reference, SignalValues, Thrust, Truth};
 use supertwin_core::run::Properties;

@@ -6,10 +6,9 @@ use serde_json::json;
 use std::collections::BTreeMap;
 use supertwin_core::digest::{DigestProbe, block_digest};
 use supertwin_core::message::{Nav, Thrust};
-use supertwin_core::port::Wired as _;
 use supertwin_core::run::Properties;
 use supertwin_core::source::{Kept, Label};
-use supertwin_core::{Block, Observe, Port, PortRule, RunHeader, RunSink, Tick};
+use supertwin_core::{Block, Observe, Port, PortRule, Ports, RunHeader, RunSink, Tick};
 use supertwin_lab::mission::{Mission, Parts};
 use supertwin_lab::replay::{Messages, RING, Replay, ReplayError, Verification};
 use supertwin_lab::{Blocks, ResolvedTrial, Twin, run};
@@ -172,7 +171,7 @@ fn a_plant_that_was_late_repeats_its_silent_steps() {
     let properties = run::properties(&trial, 1, "realtime", &Properties::new());
     keeper.begin(&RunHeader { name: "late".to_owned(), properties, ..RunHeader::default() }).expect("in memory");
     let mut plant = Blocks::new(&trial, 1).expect("is built").plant;
-    let mut ports = Plant::ports();
+    let mut ports = Ports::<Plant>::default();
     let thrust =
         |k: u64| Thrust { force_n: std::iter::repeat_n(5.0 + k as f64 / 10.0, 6).collect(), ..Thrust::default() };
     let mut messages = Messages::default();
@@ -196,7 +195,7 @@ fn a_plant_that_was_late_repeats_its_silent_steps() {
             keeper.run.commands.entry("plant".to_owned()).or_default().push(label(k, &value));
         }
         keeper.tick(tick).expect("in memory");
-        let out = plant.step(tick, Plant::input(&ports, tick, supertwin_core::OperatorLink::Present));
+        let out = plant.step(tick, ports.input(tick, supertwin_core::OperatorLink::Present));
         let digest = block_digest(&mut probe, &plant, &out);
         probe.take_finite();
         if silent {
@@ -224,7 +223,7 @@ fn a_plant_that_was_late_repeats_its_silent_steps() {
     assert!(plant.inexact[0].why.contains("15 steps before tick 65 were late"), "{plant:?}");
 }
 
-fn offer(ports: &mut <Plant as supertwin_core::Wired>::Ports, k: u64, thrust: &Thrust) {
+fn offer(ports: &mut Ports<Plant>, k: u64, thrust: &Thrust) {
     struct Offer<'a>(u64, &'a Thrust);
     impl supertwin_core::port::PortVisitor for Offer<'_> {
         fn port<M: supertwin_core::Message>(&mut self, port: &mut Port<M>) {
@@ -233,7 +232,7 @@ fn offer(ports: &mut <Plant as supertwin_core::Wired>::Ports, k: u64, thrust: &T
             assert_eq!(port.rule(), PortRule::BEFORE);
         }
     }
-    Plant::visit(ports, &mut Offer(k, thrust));
+    ports.visit(&mut Offer(k, thrust));
 }
 
 #[test]

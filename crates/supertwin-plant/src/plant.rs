@@ -13,11 +13,11 @@ use supertwin_core::command::PlantCommand;
 use supertwin_core::frame::{Heading, ssa};
 use supertwin_core::integrate::rk4;
 use supertwin_core::message::{Measurements, Thrust, Truth};
-use supertwin_core::port::{MessageVisitor, PortVisitor};
+use supertwin_core::port::MessageVisitor;
 use supertwin_core::random::{Draw, OrnsteinUhlenbeck, Stream};
 use supertwin_core::{
-    Block, BodyVelocity, Input, Notice, Notices, Observe, OperatorLink, Port, PortRule, Prev, Probe, Refusal, Tick,
-    Wired, Wrench, signal,
+    Block, BodyVelocity, Input, Notice, Notices, Observe, OperatorLink, PortRule, Prev, Probe, Refusal, Tick, Wired,
+    Wires, Wrench, signal,
 };
 use supertwin_model::{Hydrodynamics, Thrusters};
 
@@ -405,26 +405,11 @@ impl Block for Plant {
     }
 }
 
-/// The wire that ends at the plant.
-#[derive(Clone, Debug)]
-pub struct PlantPorts {
-    thrust: Port<Thrust>,
-}
-
 impl Wired for Plant {
-    type Ports = PlantPorts;
     const OWNS_TIME: bool = true;
 
-    fn ports() -> PlantPorts {
-        PlantPorts { thrust: Port::new(PortRule::BEFORE) }
-    }
-
-    fn visit<V: PortVisitor>(ports: &mut PlantPorts, visitor: &mut V) {
-        visitor.port(&mut ports.thrust);
-    }
-
-    fn input(ports: &PlantPorts, tick: Tick, _: OperatorLink) -> PlantInput<'_> {
-        Prev(ports.thrust.newest(tick.k))
+    fn input<'a>(wires: &mut impl Wires<'a>, _: OperatorLink) -> PlantInput<'a> {
+        Prev(wires.newest(PortRule::BEFORE))
     }
 
     fn asides<V: MessageVisitor>(&self, visitor: &mut V) {

@@ -9,9 +9,9 @@ use serde::{Deserialize, Serialize};
 use std::sync::OnceLock;
 use supertwin_core::command::PlantCommand;
 use supertwin_core::message::{Measurements, Message, Thrust, Truth};
-use supertwin_core::port::{MessageVisitor, PortVisitor};
+use supertwin_core::port::MessageVisitor;
 use supertwin_core::{
-    Block, Input, Notice, Notices, Observe, OperatorLink, Port, PortRule, Prev, Probe, Refusal, Signal, Tick, Wired,
+    Block, Input, Notice, Notices, Observe, OperatorLink, PortRule, Prev, Probe, Refusal, Signal, Tick, Wired, Wires,
     signal,
 };
 
@@ -146,27 +146,9 @@ impl Block for Shadow {
     }
 }
 
-/// The wires that end at the shadow.
-#[derive(Debug)]
-pub struct ShadowPorts {
-    measurements: Port<Measurements>,
-    thrust: Port<Thrust>,
-}
-
 impl Wired for Shadow {
-    type Ports = ShadowPorts;
-
-    fn ports() -> ShadowPorts {
-        ShadowPorts { measurements: Port::new(PortRule::TRIGGER), thrust: Port::new(PortRule::BEFORE) }
-    }
-
-    fn visit<V: PortVisitor>(ports: &mut ShadowPorts, visitor: &mut V) {
-        visitor.port(&mut ports.measurements);
-        visitor.port(&mut ports.thrust);
-    }
-
-    fn input(ports: &ShadowPorts, tick: Tick, _: OperatorLink) -> ShadowInput<'_> {
-        ShadowInput { measurements: ports.measurements.newest(tick.k), thrust: Prev(ports.thrust.newest(tick.k)) }
+    fn input<'a>(wires: &mut impl Wires<'a>, _: OperatorLink) -> ShadowInput<'a> {
+        ShadowInput { measurements: wires.newest(PortRule::TRIGGER), thrust: Prev(wires.newest(PortRule::BEFORE)) }
     }
 
     fn asides<V: MessageVisitor>(&self, visitor: &mut V) {

@@ -8,10 +8,9 @@ use serde::{Deserialize, Serialize};
 use supertwin_core::check::NonNegative;
 use supertwin_core::command::ControllerCommand;
 use supertwin_core::message::{Mode, Nav, Reference, Thrust, WrenchRequest};
-use supertwin_core::port::PortVisitor;
 use supertwin_core::{
-    Block, Input, Notice, Notices, Observe, OperatorLink, Port, PortRule, Prev, Probe, Refusal, Tick, Wired, parameter,
-    signal,
+    Block, Input, Notice, Notices, Observe, OperatorLink, PortRule, Prev, Probe, Refusal, Tick, Wired, Wires,
+    parameter, signal,
 };
 use supertwin_model::Hydrodynamics;
 
@@ -329,40 +328,13 @@ impl Block for Controller {
     }
 }
 
-/// The wires that end at the controller.
-#[derive(Clone, Debug)]
-pub struct ControllerPorts {
-    nav: Port<Nav>,
-    reference: Port<Reference>,
-    applied: Port<Thrust>,
-    wrench_request: Port<WrenchRequest>,
-}
-
 impl Wired for Controller {
-    type Ports = ControllerPorts;
-
-    fn ports() -> ControllerPorts {
-        ControllerPorts {
-            nav: Port::new(PortRule::TRIGGER),
-            reference: Port::new(PortRule::NEWEST),
-            applied: Port::new(PortRule::BEFORE),
-            wrench_request: Port::new(PortRule::OPTIONAL),
-        }
-    }
-
-    fn visit<V: PortVisitor>(ports: &mut ControllerPorts, visitor: &mut V) {
-        visitor.port(&mut ports.nav);
-        visitor.port(&mut ports.reference);
-        visitor.port(&mut ports.applied);
-        visitor.port(&mut ports.wrench_request);
-    }
-
-    fn input(ports: &ControllerPorts, tick: Tick, _: OperatorLink) -> ControllerInput<'_> {
+    fn input<'a>(wires: &mut impl Wires<'a>, _: OperatorLink) -> ControllerInput<'a> {
         ControllerInput {
-            nav: ports.nav.newest(tick.k),
-            reference: ports.reference.newest(tick.k),
-            applied: Prev(ports.applied.newest(tick.k)),
-            wrench_request: ports.wrench_request.newest(tick.k),
+            nav: wires.newest(PortRule::TRIGGER),
+            reference: wires.newest(PortRule::NEWEST),
+            applied: Prev(wires.newest(PortRule::BEFORE)),
+            wrench_request: wires.newest(PortRule::OPTIONAL),
         }
     }
 }

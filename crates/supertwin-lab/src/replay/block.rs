@@ -3,82 +3,17 @@
 use super::plan::{Instance, Part, Step};
 use super::track::Track;
 use super::{Inexact, Messages};
-use crate::Blocks;
+use crate::ring::RingBlock;
 use std::borrow::Cow;
 use std::collections::BTreeSet;
-use supertwin_core::command::{Command, ControllerCommand};
+use supertwin_core::command::Command;
 use supertwin_core::digest::{DigestProbe, block_digest};
-use supertwin_core::message::Thrust;
 use supertwin_core::port::PortVisitor;
 use supertwin_core::run::Severity;
-use supertwin_core::{Block, Event, Message, OperatorLink, Port, Tick, Watch, Wired};
-use supertwin_gnc::{Controller, Estimator, Guidance};
-use supertwin_plant::Plant;
+use supertwin_core::{Event, Message, OperatorLink, Port, Ports, Tick, Watch};
 
 /// Steps that are made up for where the recording has none; more of them lead nowhere.
 const MOST_UNTOLD: u64 = 5000;
-
-/// A block of the ring that can be replayed.
-pub(crate) trait Replayed: Wired<Ports: Clone> + Clone {
-    /// Its place in the ring.
-    const PLACE: usize;
-    /// Itself.
-    fn of(blocks: Blocks) -> Self;
-    /// The command, if it is one of its own.
-    fn mine(command: &Command) -> Option<&Self::Command>;
-    /// Takes over what a predecessor in another run left it, which its first output shows.
-    fn take_over(&mut self, tick: Tick, first: &Self::Out) {
-        let _ = (tick, first);
-    }
-}
-
-impl Replayed for Plant {
-    const PLACE: usize = 0;
-    fn of(blocks: Blocks) -> Self {
-        blocks.plant
-    }
-    fn mine(command: &Command) -> Option<&Self::Command> {
-        if let Command::Plant(command) = command { Some(command) } else { None }
-    }
-}
-
-impl Replayed for Estimator {
-    const PLACE: usize = 1;
-    fn of(blocks: Blocks) -> Self {
-        blocks.estimator
-    }
-    fn mine(command: &Command) -> Option<&Self::Command> {
-        if let Command::Estimator(command) = command { Some(command) } else { None }
-    }
-}
-
-impl Replayed for Guidance {
-    const PLACE: usize = 2;
-    fn of(blocks: Blocks) -> Self {
-        blocks.guidance
-    }
-    fn mine(command: &Command) -> Option<&Self::Command> {
-        if let Command::Guidance(command) = command { Some(command) } else { None }
-    }
-}
-
-impl Replayed for Controller {
-    const PLACE: usize = 3;
-    fn of(blocks: Blocks) -> Self {
-        blocks.controller
-    }
-    fn mine(command: &Command) -> Option<&Self::Command> {
-        if let Command::Controller(command) = command { Some(command) } else { None }
-    }
-    /// An emergency in force outlives a run. Whether it came from there, from the thrust that was found or from a
-    /// command of the first tick: demanded before the first step, it is in force in it in each of these cases.
-    fn take_over(&mut self, tick: Tick, first: &Thrust) {
-        if first.emergency_neutral {
-            // Is never refused.
-            let _ = self.command(tick, &ControllerCommand::Neutral(true));
-        }
-    }
-}
 
 /// What became of one block.
 #[derive(Clone, Debug)]
@@ -116,26 +51,15 @@ enum Untold {
 }
 
 /// A block with its wires, on its way.
-struct State<B: Replayed> {
+#[derive(Clone)]
+struct State<B: RingBlock> {
     block: B,
-    ports: B::Ports,
+    ports: Ports<B>,
     watch: Watch,
     /// Who wrote last on each port.
     writers: Vec<String>,
     /// The next command.
     command: usize,
-}
-
-impl<B: Replayed> Clone for State<B> {
-    fn clone(&self) -> Self {
-        Self {
-            block: self.block.clone(),
-            ports: self.ports.clone(),
-            watch: self.watch.clone(),
-            writers: self.writers.clone(),
-            command: self.command,
-        }
-    }
 }
 
 /// Puts the messages that a step used into the ports.
@@ -199,7 +123,7 @@ struct Done<O> {
 }
 
 /// One way to come to a step that was told.
-struct Attempt<B: Replayed> {
+struct Attempt<B: RingBlock> {
     state: State<B>,
     done: Done<B::Out>,
     digest: u64,
@@ -207,9 +131,27 @@ struct Attempt<B: Replayed> {
     filled: Vec<(u64, B::Out)>,
 }
 
-impl<B: Replayed> State<B> {
+impl<B: RingBlock> State<B> {
     fn new(block: B) -> Self {
-        Self { watch: Watch::new(&block), ports: B::ports(), block, writers: Vec::new(), command: 0 }
+        Self { watch: Watch::new(&block), ports: Ports::default(), block, writers: Vec::new(), command: 0 }
+    }
+
+    /// Makes ready for the first step. Says what that leaves in doubt.
+    fn begin(
+        &mut self,
+        first: &Step,
+        instance: &Instance,
+        commands: &[(u64, Command)],
+        messages: &Messages,
+        how: How,
+    ) -> Option<String> {
+        // What applied before it began was for a predecessor.
+        self.command = commands.partition_point(|(at, _)| *at < first.tick);
+        if let Some((_, out)) = messages.at::<B::Out>(first.tick, &instance.source) {
+            self.block.take_over(Tick { k: first.tick, dt_s: how.tick_s }, out);
+        }
+        let known = first.steps.unwrap_or(first.seq);
+        (known > 1).then(|| format!("its first {} steps are not in the recording", known - 1))
     }
 
     fn step(
@@ -223,7 +165,7 @@ impl<B: Replayed> State<B> {
         let mut events = Vec::new();
         while let Some((_, command)) = commands.get(self.command).filter(|(at, _)| *at <= tick.k) {
             self.command += 1;
-            let Some(command) = B::mine(command) else { continue };
+            let Some(command) = B::own(command) else { continue };
             if let Err(refusal) = self.block.command(tick, command) {
                 let said = serde_json::to_string(command).unwrap_or_default();
                 let text = Cow::Owned(format!("command refused: {said}: {refusal}"));
@@ -232,17 +174,17 @@ impl<B: Replayed> State<B> {
             }
         }
         let mut feed = Feed { messages, used, k: tick.k, at: 0, writers: &mut self.writers, missing: None };
-        B::visit(&mut self.ports, &mut feed);
+        self.ports.visit(&mut feed);
         let missing = feed.missing;
-        let out = self.block.step(tick, B::input(&self.ports, tick, operator));
-        B::visit(&mut self.ports, &mut Stepped);
+        let out = self.block.step(tick, self.ports.input(tick, operator));
+        self.ports.visit(&mut Stepped);
         self.watch.after(tick, &self.block, &out, |event| events.push(event));
         Done { out, events, missing }
     }
 }
 
 /// Replays all instances of a block. `build` gives the block of one of them.
-pub(crate) fn play<B: Replayed, E>(
+pub(crate) fn play<B: RingBlock, E>(
     part: &Part,
     messages: &mut Messages,
     how: How,
@@ -266,7 +208,7 @@ pub(crate) fn play<B: Replayed, E>(
     Ok(played)
 }
 
-fn play_instance<B: Replayed>(
+fn play_instance<B: RingBlock>(
     block: B,
     instance: &Instance,
     commands: &[(u64, Command)],
@@ -274,111 +216,122 @@ fn play_instance<B: Replayed>(
     how: How,
     played: &mut Played,
 ) {
-    let tick = |k: u64| Tick { k, dt_s: how.tick_s };
-    let mut present = Some(State::new(block));
+    let mut state = State::new(block);
     let mut probe = DigestProbe::default();
     let mut doubt: Option<String> = None;
     let mut before: Option<&Step> = None;
     for step in &instance.steps {
-        let Some(mut state) = present.take() else { return };
         played.steps += 1;
         let untold = match before {
             None => {
-                // What applied before it began was for a predecessor.
-                state.command = commands.partition_point(|(at, _)| *at < step.tick);
-                if let Some((_, first)) = messages.at::<B::Out>(step.tick, &instance.source) {
-                    state.block.take_over(tick(step.tick), first);
-                }
-                let known = step.steps.unwrap_or(step.seq);
-                if known > 1 {
-                    doubt = Some(format!("its first {} steps are not in the recording", known - 1));
-                }
+                doubt = state.begin(step, instance, commands, messages, how);
                 None
             }
             Some(before) => untold(before, step, B::OWNS_TIME),
         };
-        // Of several ways to fill what was not told the one is taken that leads to the recorded hash.
-        let ways: &[Untold] = match &untold {
-            None => &[Untold::Newest],
-            Some(_) if B::OWNS_TIME => &[Untold::AsNext, Untold::Newest],
-            Some(_) => &[Untold::Newest, Untold::AsNext],
-        };
-        let mut chosen: Option<Attempt<B>> = None;
-        let mut only = None;
-        if ways.len() == 1 {
-            only = Some(state);
-        } else {
-            present = Some(state);
-        }
-        for way in ways {
-            let Some(mut state) = only.take().or_else(|| present.clone()) else { continue };
-            let mut filled = Vec::new();
-            let mut lacking = None;
-            let mut events = Vec::new();
-            for k in untold.iter().flat_map(|untold| untold.ticks.clone()) {
-                let used = (*way == Untold::AsNext).then_some(step.used.as_slice());
-                let done = state.step(tick(k), used, step.operator, messages, commands);
-                lacking = lacking.or(done.missing);
-                events.extend(done.events);
-                filled.push((k, done.out));
-            }
-            let mut done = state.step(tick(step.tick), Some(&step.used), step.operator, messages, commands);
-            done.missing = lacking.or(done.missing);
-            events.append(&mut done.events);
-            done.events = events;
-            let digest = block_digest(&mut probe, &state.block, &done.out);
-            probe.take_finite();
-            let equal = step.digest == Some(digest);
-            if chosen.is_none() || equal {
-                chosen = Some(Attempt { state, done, digest, filled });
-            }
-            if equal || how.anew {
-                break;
-            }
-        }
-        let Some(Attempt { state, done, digest, filled }) = chosen else { return };
-        let equal = step.digest.map(|recorded| recorded == digest);
-        if let Some((key, at)) = done.missing {
+        let told = Told { step, untold: untold.as_ref(), messages, commands, how };
+        let attempt = told.best(state, &mut probe);
+        let equal = step.digest.map(|recorded| recorded == attempt.digest);
+        if let Some((key, at)) = attempt.done.missing {
             doubt.get_or_insert_with(|| format!("the message of {key} at tick {at} is not in the recording"));
         }
         if let Some(untold) = untold.filter(|_| equal != Some(true)) {
             doubt.get_or_insert(untold.why);
         }
-        if equal == Some(true) || (equal.is_none() && doubt.is_none()) {
-            played.compared.insert(step.tick);
-        } else if let Some(why) = &doubt {
-            match played.inexact.last_mut() {
-                Some(last) if last.why == *why && before.is_some_and(|before| before.tick == last.to_tick) => {
-                    last.to_tick = step.tick;
-                }
-                _ => played.inexact.push(Inexact { from_tick: step.tick, to_tick: step.tick, why: why.clone() }),
-            }
-        } else {
-            // It must be equal, and is not.
-            played.compared.insert(step.tick);
-            played.digest_differs = Some(played.digest_differs.map_or(step.tick, |tick| tick.min(step.tick)));
-            doubt = Some(format!("it differs from the recording at tick {} already", step.tick));
-        }
-        played.track.show(step.tick, &state.block, &done.out);
-        played.digests.push((step.tick, digest));
-        for event in done.events {
-            let refused = event.severity == Severity::Error && event.text.starts_with("command refused");
-            if refused {
-                played.refused.push(event.clone());
-            }
-            played.track.events.push(event);
-        }
+        played.judge(step, before, equal, &mut doubt);
+        played.take(step, &attempt);
         if how.anew {
-            for (k, out) in filled {
+            for (k, out) in attempt.filled {
                 // Telemetry may be thinned out where the wire is not.
                 if messages.at::<B::Out>(k, "").is_some() {
                     messages.put(k, out);
                 }
             }
-            messages.put(step.tick, done.out);
+            messages.put(step.tick, attempt.done.out);
         }
         before = Some(step);
-        present = Some(state);
+        state = attempt.state;
+    }
+}
+
+/// What is known of a step and of those before it that were not told.
+struct Told<'a> {
+    step: &'a Step,
+    untold: Option<&'a Between>,
+    messages: &'a Messages,
+    commands: &'a [(u64, Command)],
+    how: How,
+}
+
+impl Told<'_> {
+    /// Of several ways to fill what was not told the one is taken that leads to the recorded hash.
+    fn best<B: RingBlock>(&self, state: State<B>, probe: &mut DigestProbe) -> Attempt<B> {
+        if self.untold.is_none() {
+            return self.attempt(state, Untold::Newest, probe);
+        }
+        let [first, second] =
+            if B::OWNS_TIME { [Untold::AsNext, Untold::Newest] } else { [Untold::Newest, Untold::AsNext] };
+        let attempt = self.attempt(state.clone(), first, probe);
+        if self.how.anew || self.step.digest == Some(attempt.digest) {
+            return attempt;
+        }
+        let other = self.attempt(state, second, probe);
+        if self.step.digest == Some(other.digest) { other } else { attempt }
+    }
+
+    fn attempt<B: RingBlock>(&self, mut state: State<B>, way: Untold, probe: &mut DigestProbe) -> Attempt<B> {
+        let Self { step, messages, commands, .. } = *self;
+        let tick = |k: u64| Tick { k, dt_s: self.how.tick_s };
+        let mut filled = Vec::new();
+        let mut lacking = None;
+        let mut events = Vec::new();
+        for k in self.untold.iter().flat_map(|untold| untold.ticks.clone()) {
+            let used = (way == Untold::AsNext).then_some(step.used.as_slice());
+            let done = state.step(tick(k), used, step.operator, messages, commands);
+            lacking = lacking.or(done.missing);
+            events.extend(done.events);
+            filled.push((k, done.out));
+        }
+        let mut done = state.step(tick(step.tick), Some(&step.used), step.operator, messages, commands);
+        done.missing = lacking.or(done.missing);
+        events.append(&mut done.events);
+        done.events = events;
+        let digest = block_digest(probe, &state.block, &done.out);
+        probe.take_finite();
+        Attempt { state, done, digest, filled }
+    }
+}
+
+impl Played {
+    /// Enters whether a step is as recorded, where that can be said. What makes a step doubtful makes all after it so.
+    fn judge(&mut self, step: &Step, before: Option<&Step>, equal: Option<bool>, doubt: &mut Option<String>) {
+        if equal == Some(true) || (equal.is_none() && doubt.is_none()) {
+            self.compared.insert(step.tick);
+        } else if let Some(why) = doubt {
+            match self.inexact.last_mut() {
+                Some(last) if last.why == *why && before.is_some_and(|before| before.tick == last.to_tick) => {
+                    last.to_tick = step.tick;
+                }
+                _ => self.inexact.push(Inexact { from_tick: step.tick, to_tick: step.tick, why: why.clone() }),
+            }
+        } else {
+            // It must be equal, and is not.
+            self.compared.insert(step.tick);
+            self.digest_differs = Some(self.digest_differs.map_or(step.tick, |tick| tick.min(step.tick)));
+            *doubt = Some(format!("it differs from the recording at tick {} already", step.tick));
+        }
+    }
+
+    /// Enters what a step came to.
+    fn take<B: RingBlock>(&mut self, step: &Step, attempt: &Attempt<B>) {
+        self.track.show(step.tick, &attempt.state.block, &attempt.done.out);
+        self.digests.push((step.tick, attempt.digest));
+        for event in &attempt.done.events {
+            if event.severity == Severity::Error && event.text.starts_with("command refused") {
+                self.refused.push(event.clone());
+            }
+            self.track.events.push(event.clone());
+        }
     }
 }
 

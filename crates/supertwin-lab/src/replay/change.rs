@@ -1,10 +1,9 @@
 //! What is changed in a replay, and from which block on that has an effect.
 
 use super::ReplayError;
-use super::plan::RING;
 use crate::config::{ConfigError, Library, Loaded, Override};
-use crate::trial::{ControllerConfig, ResolvedTrial};
-use std::path::Path;
+use crate::ring::RING;
+use crate::trial::{ControllerConfig, ResolvedTrial, stem};
 
 /// The block with which a replay begins; those before it are as recorded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -180,8 +179,4 @@ impl Changed {
         }
         ResolvedTrial::from_text(&trial.name, &name, &table.to_string(), &place)
     }
-}
-
-fn stem(path: &Path) -> String {
-    path.file_stem().map_or_else(|| "unnamed".to_owned(), |stem| stem.to_string_lossy().into_owned())
 }

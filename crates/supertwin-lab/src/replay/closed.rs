@@ -11,8 +11,9 @@
 
 use super::change::Changed;
 use super::{Replay, ReplayError};
+use crate::ring::Blocks;
 use crate::run::{self, RunOutcome, play};
-use crate::twin::{Blocks, Twin};
+use crate::twin::Twin;
 use std::borrow::Cow;
 use supertwin_core::command::{Command, LinkCommand};
 use supertwin_core::message::WrenchRequest;

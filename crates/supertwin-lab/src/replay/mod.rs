@@ -18,23 +18,21 @@ mod plan;
 mod track;
 mod what_if;
 
+pub use crate::ring::RING;
 pub use change::{Changed, FromBlock};
 pub use messages::Messages;
-pub use plan::RING;
 pub use what_if::WhatIf;
 
 use crate::config::ConfigError;
+use crate::ring::{Blocks, RingBlock, RingVisitor, around};
 use crate::trial::ResolvedTrial;
-use crate::twin::Blocks;
-use block::{How, Played, Replayed, play};
-use plan::{Instance, Plan};
+use block::{How, Played, play};
+use plan::{Instance, Part, Plan};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use supertwin_core::digest::RunDigest;
 use supertwin_core::run::Properties;
 use supertwin_core::{Property, RunSource, Tick, signal};
-use supertwin_gnc::{Controller, Estimator, Guidance};
-use supertwin_plant::Plant;
 
 /// A recording that can't be replayed.
 #[derive(Debug, thiserror::Error)]
@@ -320,20 +318,9 @@ impl<'a, S: RunSource> Replay<'a, S> {
             return Ok(None);
         }
         let how = How { tick_s: self.plan.tick_s, anew };
-        fn one<B: Replayed>(
-            part: &plan::Part,
-            messages: &mut Messages,
-            how: How,
-            build: &dyn Fn(&str, &Instance) -> Result<Blocks, ReplayError>,
-        ) -> Result<Played, ReplayError> {
-            play(part, messages, how, |instance| Ok(B::of(build(B::NAME, instance)?)))
-        }
-        Ok(Some(match place {
-            Plant::PLACE => one::<Plant>(part, messages, how, build)?,
-            Estimator::PLACE => one::<Estimator>(part, messages, how, build)?,
-            Guidance::PLACE => one::<Guidance>(part, messages, how, build)?,
-            _ => one::<Controller>(part, messages, how, build)?,
-        }))
+        let mut at = PlayAt { place, part, messages, how, build, played: None };
+        around(&mut at);
+        at.played.transpose()
     }
 
     fn verdict(&self, played: &Played) -> BlockVerdict {
@@ -377,5 +364,24 @@ impl<'a, S: RunSource> Replay<'a, S> {
             digest.fold(Tick { k: k as u64, dt_s: self.plan.tick_s }, of_blocks);
         }
         Some(digest.to_string() == *recorded)
+    }
+}
+
+/// Plays the block at one place of the ring.
+struct PlayAt<'a> {
+    place: usize,
+    part: &'a Part,
+    messages: &'a mut Messages,
+    how: How,
+    build: &'a dyn Fn(&str, &Instance) -> Result<Blocks, ReplayError>,
+    played: Option<Result<Played, ReplayError>>,
+}
+
+impl RingVisitor for PlayAt<'_> {
+    fn block<B: RingBlock>(&mut self) {
+        if B::PLACE == self.place {
+            let build = |instance: &Instance| Ok(B::of(&(self.build)(B::NAME, instance)?).clone());
+            self.played = Some(play(self.part, self.messages, self.how, build));
+        }
     }
 }

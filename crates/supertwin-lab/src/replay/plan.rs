@@ -4,16 +4,14 @@
 use super::{Messages, ReplayError};
 use crate::ResolvedTrial;
 use crate::mission::Mission;
-use crate::wire::Wire;
+use crate::ring::{RING, RingBlock, RingVisitor, around};
+use crate::wires::RingWires;
 use serde::Deserialize;
+use serde_json::{Value, json};
 use std::collections::BTreeMap;
-use supertwin_core::command::{Command, LinkCommand, Wire as WireName};
-use supertwin_core::message::{Measurements, Nav, Reference, Thrust, WrenchRequest};
+use supertwin_core::command::Command;
 use supertwin_core::source::Label;
-use supertwin_core::{Message, OperatorLink, RunSource, Signal, Tick, signal};
-
-/// The services in the order of the ring.
-pub const RING: [&str; 4] = ["plant", "estimator", "guidance", "controller"];
+use supertwin_core::{OperatorLink, RunSource, Signal, Tick, signal};
 
 /// One step of one block.
 #[derive(Clone, Debug, PartialEq)]
@@ -145,118 +143,74 @@ fn recorded_part(source: &impl RunSource, service: &str) -> Result<Part, ReplayE
 
 /// A service's command with the service's name: as a mission has it.
 fn command(service: &str, text: &str) -> Result<Command, serde_json::Error> {
-    Ok(match service {
-        "plant" => Command::Plant(serde_json::from_str(text)?),
-        "estimator" => Command::Estimator(serde_json::from_str(text)?),
-        "guidance" => Command::Guidance(serde_json::from_str(text)?),
-        _ => Command::Controller(serde_json::from_str(text)?),
-    })
-}
-
-/// The wires of a run in one process, without the messages: what was cut, and who was in command.
-#[derive(Debug, Default)]
-struct Links {
-    measurements: Wire<()>,
-    nav: Wire<()>,
-    reference: Wire<()>,
-    thrust: Wire<()>,
-    wrench_request: Wire<()>,
-    requesting: Option<(u64, WrenchRequest)>,
-    operator_lost_until: u64,
-}
-
-impl Links {
-    fn apply(&mut self, tick: Tick, command: &LinkCommand) {
-        // What the twin refused has no effect here either.
-        let Ok(until) = command.until(tick) else { return };
-        match command {
-            LinkCommand::Withhold { wire, .. } => match wire {
-                WireName::Measurements => self.measurements.cut_until(until),
-                WireName::Nav => self.nav.cut_until(until),
-                WireName::Reference => self.reference.cut_until(until),
-                WireName::Thrust => self.thrust.cut_until(until),
-            },
-            LinkCommand::OperatorLostForS(_) => self.operator_lost_until = until,
-            LinkCommand::WrenchRequest { request, .. } => self.requesting = Some((until, request.clone())),
-        }
-    }
-}
-
-/// Tick of the message that a wire holds.
-fn held<M: Message>(wire: &Wire<()>) -> Option<(String, Vec<u64>)> {
-    wire.made_at().map(|tick| (M::KEY.to_owned(), vec![tick]))
+    let own: Value = serde_json::from_str(text)?;
+    serde_json::from_value(json!({ service: own }))
 }
 
 /// A signal of every block at every tick.
 static SHOWN: [&Signal; RING.len()] =
     [&signal::truth::POSE, &signal::nav::POSE, &signal::reference::DEPTH, &signal::thrust::REQUESTED];
 
-/// The same lap as [`crate::Twin::step`], of ticks instead of messages.
+/// Which messages each block used in a run of one process: its mission and its laps, with empty messages on the wires.
 fn batch_parts(
     source: &impl RunSource,
     trial: &ResolvedTrial,
     tick_s: f64,
     messages: &mut Messages,
 ) -> [Part; RING.len()] {
-    let mut parts: [Part; RING.len()] = Default::default();
     // As far as every block was recorded: what was cut off in the middle of a batch is not there of all of them.
     let last = |signal: &&Signal| source.signal(signal).and_then(|columns| columns.tick.last());
     let last = SHOWN.iter().filter_map(last).min();
-    let Some(last) = last.and_then(|&last| u64::try_from(last).ok()) else { return parts };
+    let Some(last) = last.and_then(|&last| u64::try_from(last).ok()) else { return Default::default() };
     let mut mission = Mission::new(&trial.trial.mission, tick_s);
-    let mut links = Links::default();
-    for part in &mut parts {
-        part.instances.push(Instance { source: String::new(), steps: Vec::new() });
-    }
+    let mut lap = Lap {
+        parts: core::array::from_fn(|_| Part { instances: vec![Instance::default()], commands: Vec::new() }),
+        wires: RingWires::default(),
+        tick: Tick { k: 0, dt_s: tick_s },
+        due: Vec::new(),
+    };
     for k in 0..=last {
-        let tick = Tick { k, dt_s: tick_s };
-        while let Some(command) = mission.due(tick) {
-            let at = match command {
-                Command::Plant(_) => 0,
-                Command::Estimator(_) => 1,
-                Command::Guidance(_) => 2,
-                Command::Controller(_) => 3,
+        lap.tick.k = k;
+        lap.due.clear();
+        while let Some(command) = mission.due(lap.tick) {
+            match command {
+                // What the twin refused has no effect here either.
                 Command::Link(command) => {
-                    links.apply(tick, command);
-                    continue;
+                    let _ = lap.wires.command(lap.tick, command);
                 }
-            };
-            parts[at].commands.push((k, command.clone()));
+                command => lap.due.push(command.clone()),
+            }
         }
-        if let Some((_, request)) = links.requesting.as_ref().filter(|(until, _)| k < *until) {
+        if let Some(request) = lap.wires.begin(lap.tick) {
             messages.add(k, "", request.clone());
-            links.wrench_request.send(k, ());
         }
-        let operator = if k < links.operator_lost_until { OperatorLink::Lost } else { OperatorLink::Present };
-        let before = held::<Thrust>(&links.thrust);
-        links.measurements.send(k, ());
-        let measured = held::<Measurements>(&links.measurements).map(|(key, ticks)| {
-            // Every one counts once.
-            let new = if links.measurements.fresh(k).is_some() { ticks } else { Vec::new() };
-            (key, new)
-        });
-        links.nav.send(k, ());
-        let nav = held::<Nav>(&links.nav);
-        links.reference.send(k, ());
-        let reference = held::<Reference>(&links.reference);
-        let wrench_request = held::<WrenchRequest>(&links.wrench_request);
-        links.thrust.send(k, ());
-        let used = [
-            vec![before.clone()],
-            vec![measured, before.clone()],
-            vec![nav.clone()],
-            vec![nav, reference, before, wrench_request],
-        ];
-        for (part, used) in parts.iter_mut().zip(used) {
-            part.instances[0].steps.push(Step {
-                tick: k,
-                seq: k + 1,
-                steps: Some(k + 1),
-                used: used.into_iter().flatten().collect(),
-                operator,
-                digest: None,
-            });
-        }
+        around(&mut lap);
     }
-    parts
+    lap.parts
+}
+
+/// A lap of ticks instead of messages.
+struct Lap {
+    parts: [Part; RING.len()],
+    wires: RingWires,
+    tick: Tick,
+    /// Commands that apply now.
+    due: Vec<Command>,
+}
+
+impl RingVisitor for Lap {
+    fn block<B: RingBlock>(&mut self) {
+        let k = self.tick.k;
+        let part = &mut self.parts[B::PLACE];
+        part.commands.extend(self.due.iter().filter(|due| B::own(due).is_some()).map(|due| (k, due.clone())));
+        part.instances[0].steps.push(Step {
+            tick: k,
+            seq: k + 1,
+            steps: Some(k + 1),
+            used: self.wires.used::<B>(self.tick),
+            operator: self.wires.operator(self.tick),
+            digest: None,
+        });
+        self.wires.send(k, B::Out::default());
+    }
 }

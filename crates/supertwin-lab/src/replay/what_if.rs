@@ -4,15 +4,15 @@
 use super::block::Played;
 use super::change::Changed;
 use super::messages::At;
-use super::plan::{Plan, RING};
+use super::plan::Plan;
 use super::track::Track;
 use super::{BlockVerdict, Replay, ReplayError};
 use crate::mission::MissionStep;
 use crate::rescore::{Rescored, rescore};
+use crate::ring::{Blocks, RING};
 use crate::run::{self, properties};
 use crate::score::Tracking;
 use crate::trial::ResolvedTrial;
-use crate::twin::Blocks;
 use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 use supertwin_core::command::Command;

@@ -58,7 +58,7 @@ impl<B: Wired + 'static> Host<B> {
             newest_allowed: if known { self.next.saturating_add(ahead as u64) } else { u64::MAX / 2 },
             outcome: Delivered::Nothing,
         };
-        B::visit(&mut self.ports, &mut deliver);
+        self.ports.visit(&mut deliver);
         match deliver.outcome {
             Delivered::Nothing => {}
             Delivered::Rejected(rejected) => self.refused(&format!("message on wire {number}: {rejected}")),
@@ -127,7 +127,7 @@ impl<B: Wired + 'static> Host<B> {
         run.clone_into(&mut self.run);
         self.output = None;
         self.beat = Beat { due: None, trigger: None };
-        B::visit(&mut self.ports, &mut Clear);
+        self.ports.visit(&mut Clear);
         for i in 0..self.wires.len() {
             if let Side::Port(_) = self.wires[i].side {
                 self.wires[i].held = None;

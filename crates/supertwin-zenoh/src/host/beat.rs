@@ -33,7 +33,7 @@ impl<B: Wired + 'static> Host<B> {
         let now = self.now;
         let done = self.options.ticks.is_some_and(|ticks| self.next >= ticks);
         let mut ready = Ready(self.next, true);
-        B::visit(&mut self.ports, &mut ready);
+        self.ports.visit(&mut ready);
         let seen = self.next.checked_sub(1);
         let witnessed = self.witnesses.iter().all(|witness| seen.is_none_or(|tick| witness.seen >= Some(tick)));
         if ready.1 && witnessed && !done {
@@ -64,7 +64,7 @@ impl<B: Wired + 'static> Host<B> {
         let patience = if started { self.options.patience } else { START_PATIENCE.max(self.options.patience) };
         if silent > patience {
             let mut missing = Missing(self.next, Vec::new());
-            B::visit(&mut self.ports, &mut missing);
+            self.ports.visit(&mut missing);
             let mut waits: Vec<String> = missing.1.into_iter().map(str::to_owned).collect();
             let unseen = self.witnesses.iter().filter(|witness| witness.seen < seen);
             waits.extend(unseen.map(|witness| format!("witness {}", witness.name)));

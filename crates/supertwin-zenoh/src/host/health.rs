@@ -7,6 +7,7 @@ use crate::outbox::Letter;
 use std::collections::BTreeMap;
 use std::time::Duration;
 use supertwin_core::Wired;
+use supertwin_core::port::wires;
 use supertwin_core::run::Severity;
 use supertwin_protocol::health::{Health, InputHealth};
 use supertwin_protocol::keys;
@@ -38,7 +39,7 @@ impl<B: Wired + 'static> Host<B> {
 
     pub(super) fn tell_health(&mut self) {
         let mut names = Keys(Vec::new());
-        B::visit(&mut B::ports(), &mut names);
+        wires::<B>(&mut names);
         let (telemetry_dropped, letters_dropped) = self.outbox.dropped();
         let inputs: BTreeMap<&str, InputHealth> = names
             .0

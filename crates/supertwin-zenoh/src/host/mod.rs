@@ -19,8 +19,9 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::Duration;
 use supertwin_core::digest::DigestProbe;
+use supertwin_core::port::wires;
 use supertwin_core::run::{Properties, Severity};
-use supertwin_core::{Message, OperatorLink, Tick, Watch, Wired};
+use supertwin_core::{Message, OperatorLink, Ports, Tick, Watch, Wired};
 use supertwin_protocol::clock::Clock;
 use supertwin_protocol::command_queue::Desk;
 use supertwin_protocol::fault::{Fault, FaultRates};
@@ -216,7 +217,7 @@ pub struct Host<B: Wired> {
     block: B,
     /// The block as it was built: another run starts from here.
     pristine: B,
-    ports: B::Ports,
+    ports: Ports<B>,
     wires: Vec<Wire>,
     watch: Watch,
     probe: DigestProbe,
@@ -290,9 +291,8 @@ impl<B: Wired + 'static> Host<B> {
         index: usize,
         clock: Arc<dyn Clock>,
     ) -> Result<Self, LinkError> {
-        let mut ports = B::ports();
         let mut keys = Keys(Vec::new());
-        B::visit(&mut ports, &mut keys);
+        wires::<B>(&mut keys);
         let mut asides = AsideKeys(Vec::new());
         block.asides(&mut asides);
         let mut droppable = vec![keys::telemetry(B::NAME)];
@@ -377,7 +377,7 @@ impl<B: Wired + 'static> Host<B> {
             watch: Watch::new(&block),
             pristine: block.clone(),
             block,
-            ports,
+            ports: Ports::default(),
             wires,
             probe: DigestProbe::default(),
             desk: Desk::new(&options.mission),
@@ -523,10 +523,7 @@ fn wire_publisher(session: &Session, key: &str) -> Result<Publisher<'static>, Li
         .map_err(LinkError::session(format!("publisher {key}")))
 }
 
-impl<B: Wired + 'static> Hosted for Host<B>
-where
-    B::Ports: Send,
-{
+impl<B: Wired + 'static> Hosted for Host<B> {
     fn service(&self) -> &'static str {
         B::NAME
     }

@@ -3,16 +3,16 @@
 use super::Wire;
 use crate::outbox::Outbox;
 use std::time::Duration;
-use supertwin_core::port::{MessageVisitor, Offered, PortVisitor};
+use supertwin_core::port::{MessageVisitor, Offered, PortVisitor, WireVisitor};
 use supertwin_core::{Message, Port, PortRule};
 use supertwin_protocol::envelope::{Envelope, Rejected, decode, encode};
 use supertwin_protocol::ledger::{Ledger, Verdict};
 use supertwin_protocol::telemetry::Used;
 
 pub(super) struct Keys(pub(super) Vec<(&'static str, PortRule)>);
-impl PortVisitor for Keys {
-    fn port<M: Message>(&mut self, port: &mut Port<M>) {
-        self.0.push((M::KEY, port.rule()));
+impl WireVisitor for Keys {
+    fn wire<M: Message>(&mut self, rule: PortRule) {
+        self.0.push((M::KEY, rule));
     }
 }
 

@@ -5,6 +5,7 @@ use super::ports::{Deliver, Delivered, Keys};
 use crate::session::LinkError;
 use std::time::Duration;
 use supertwin_core::Wired;
+use supertwin_core::port::wires;
 use supertwin_core::run::Severity;
 use supertwin_protocol::keys;
 use supertwin_protocol::ledger::Ledger;
@@ -34,7 +35,7 @@ impl<B: Wired + 'static> Host<B> {
         // All questions at once: whoever is up answers within a tick, and the wait is one time-out at worst.
         let (nows, lease) = (ask(keys::state("*", "now"))?, ask(keys::LEASE_STATE.to_owned())?);
         let mut names = Keys(Vec::new());
-        B::visit(&mut B::ports(), &mut names);
+        wires::<B>(&mut names);
         let kept = names.0.iter().map(|(key, _)| ask(keys::held("*", key))).collect::<Result<Vec<_>, _>>()?;
         let payloads = |replies: zenoh::handlers::FifoChannelHandler<zenoh::query::Reply>| -> Vec<ZBytes> {
             let samples = replies.into_iter().filter_map(|reply| reply.into_result().ok());
@@ -88,7 +89,7 @@ impl<B: Wired + 'static> Host<B> {
             newest_allowed: u64::MAX - 1,
             outcome: Delivered::Nothing,
         };
-        B::visit(&mut self.ports, &mut deliver);
+        self.ports.visit(&mut deliver);
         if let Delivered::Taken { .. } = deliver.outcome {
             self.wires[i].held = Some(payload.clone());
         }

@@ -5,6 +5,7 @@ use super::ports::Keys;
 use crate::outbox::Letter;
 use serde_json::{Value, json};
 use supertwin_core::Wired;
+use supertwin_core::port::wires;
 use supertwin_core::run::Severity;
 use supertwin_protocol::command_queue::{Answer, MAX_REQUEST, Moment, Request};
 use supertwin_protocol::keys;
@@ -45,7 +46,7 @@ impl<B: Wired + 'static> Host<B> {
 
     pub(super) fn answer_held(&self, query: Query, wire: &str) {
         let mut names = Keys(Vec::new());
-        B::visit(&mut B::ports(), &mut names);
+        wires::<B>(&mut names);
         let i = names.0.iter().position(|(key, _)| *key == wire);
         match i.and_then(|i| self.wires[i].held.as_ref()) {
             Some(payload) => {

@@ -79,9 +79,9 @@ impl<B: Wired + 'static> Host<B> {
         let mut used = core::mem::take(&mut self.used);
         used.clear();
         let mut readiness = Readiness { k, ready: true, at: 0, used: &mut used, ages: &mut self.wires };
-        B::visit(&mut self.ports, &mut readiness);
-        let out = self.block.step(tick, B::input(&self.ports, tick, operator));
-        B::visit(&mut self.ports, &mut Stepped);
+        self.ports.visit(&mut readiness);
+        let out = self.block.step(tick, self.ports.input(tick, operator));
+        self.ports.visit(&mut Stepped);
         self.next = k + 1;
         self.steps.steps += 1;
         self.steps_of_run += 1;
