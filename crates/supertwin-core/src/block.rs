@@ -1,13 +1,11 @@
 //! The contract of the four services: a pure discrete-time system.
 
 use crate::notice::Notices;
+pub use crate::services::SERVICES;
 use crate::{Message, Observe, Tick};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
-
-/// The four services of the ring, in the order in which a lap runs through them.
-pub const SERVICES: [&str; 4] = ["plant", "estimator", "guidance", "controller"];
 
 /// A discrete-time system `x⁺, y = f(x, u)`.
 ///

@@ -1,6 +1,6 @@
 //! Signals about the wires: messages withheld in one process, and over a network the accounts of services and recorder.
 
-use crate::block::SERVICES;
+use crate::services::SERVICES;
 
 /// Of times in an account.
 const QUANTILES: &[&str] = &["median", "p99", "max"];
@@ -37,7 +37,7 @@ impl Account {
     /// When there is none: in a `const`, the program does not compile.
     #[must_use]
     pub const fn at(&self, name: &str) -> usize {
-        super::position(self.components, name).expect("no component of this name")
+        crate::handle::position(self.components, name).expect("no component of this name")
     }
 }
 
