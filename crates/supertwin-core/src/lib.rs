@@ -12,6 +12,7 @@
 
 pub mod axes;
 pub mod block;
+pub mod capability;
 pub mod check;
 pub mod command;
 pub mod digest;
@@ -34,6 +35,7 @@ pub mod unit;
 
 pub use axes::{Axes, BodyAcceleration, BodyVelocity, Wrench};
 pub use block::{Block, Refusal};
+pub use capability::Capability;
 pub use handle::Signal;
 pub use input::{Input, OperatorLink, Prev};
 pub use message::Message;

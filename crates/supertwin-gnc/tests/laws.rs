@@ -1,11 +1,11 @@
 //! The control laws on all four axes, from their real parameter files; oracles: control.md, tests T4 and T14.
 
-use crate::common::{self, H_S, axes, errors, input, law, law_config_with, nominal};
+use crate::common::{self, H_S, axes, errors, input, law, law_config, law_config_with, nominal};
 use nalgebra::Vector4;
 use supertwin_core::message::WrenchRequest;
 use supertwin_core::observe::Snapshot;
 use supertwin_core::random::Stream;
-use supertwin_core::signal;
+use supertwin_core::{Capability, signal};
 use supertwin_gnc::control::super_twisting::SuperTwisting;
 use supertwin_gnc::control::surface::{Surface, SurfaceConfig};
 use supertwin_gnc::control::{Agsta, Law, LawInput, TrackingError};
@@ -51,6 +51,10 @@ fn twisting(law: &Law) -> &SuperTwisting {
     }
 }
 
+fn k1(law: &Law) -> [f64; 4] {
+    law.sample().k1.expect("a law with gains")
+}
+
 fn agsta_with(path: &[&str], value: impl Into<toml::Value>) -> Law {
     let mut full = vec!["law", "agsta"];
     full.extend_from_slice(path);
@@ -84,10 +88,10 @@ fn t4_inside_its_tolerance_k1_is_constant_to_the_bit() {
             let error = errors(ALPHA_TOL.map(|tol| side * 0.999 * tol), 0.0, 0.0);
             for _ in 0..3000 {
                 law.step(&input(&error));
-                assert_eq!(law.k1().map(f64::to_bits), start.map(f64::to_bits));
+                assert_eq!(k1(&law).map(f64::to_bits), start.map(f64::to_bits));
             }
-            assert_eq!(law.sigma(), Some(error.x1.into()));
-            assert_eq!(law.alpha_tol(), Some(ALPHA_TOL));
+            assert_eq!(law.sample().sigma, Some(error.x1.into()));
+            assert_eq!(law.sample().alpha_tol, Some(ALPHA_TOL));
         }
     }
 }
@@ -102,12 +106,12 @@ fn t4_outside_its_tolerance_k1_grows_linearly_at_the_printed_rates() {
             law.step(&input(&error));
         }
         let t_s = 5000.0 * H_S;
-        for (k1, printed) in law.k1().into_iter().zip(RATES) {
+        for (k1, printed) in k1(&law).into_iter().zip(RATES) {
             let rate = k1 / t_s;
             assert!((rate - printed).abs() < 5e-4, "{rate} per s against {printed}");
         }
         let exact = [2.5f64.sqrt(), 2.5f64.sqrt(), 1.5f64.sqrt(), 0.5f64.sqrt()];
-        for (k1, rate) in law.k1().into_iter().zip(exact) {
+        for (k1, rate) in k1(&law).into_iter().zip(exact) {
             assert!((k1 - rate * t_s).abs() < 1e-9, "{k1} against {}", rate * t_s);
         }
     }
@@ -117,7 +121,7 @@ fn t4_outside_its_tolerance_k1_grows_linearly_at_the_printed_rates() {
 fn t4_k1_never_falls_without_a_leak_and_k2_is_algebraic_at_every_step() {
     let mut law = law("agsta");
     let mut draw = Stream::new(4, "errors");
-    let mut last = law.k1();
+    let mut last = k1(&law);
     let mut grown = [0; 4];
     for _ in 0..5000 {
         let error = random_errors(&mut draw);
@@ -131,7 +135,7 @@ fn t4_k1_never_falls_without_a_leak_and_k2_is_algebraic_at_every_step() {
             let algebraic = 2.0 * EPSILON[i] * t.k1[i] + LAMBDA[i] + 4.0 * EPSILON[i] * EPSILON[i];
             assert!((t.k2[i] - algebraic).abs() <= 1e-15 * algebraic, "axis {i}: {} against {algebraic}", t.k2[i]);
         }
-        last = law.k1();
+        last = k1(&law);
     }
     assert!(grown.iter().all(|n| (500..4500).contains(n)), "both cases were seen: {grown:?}");
 }
@@ -167,9 +171,9 @@ fn t4_a_cap_is_reached_and_never_passed() {
     let error = errors([1.0; 4], 0.0, 0.0);
     for _ in 0..5000 {
         law.step(&input(&error));
-        assert!((0..4).all(|i| law.k1()[i] <= caps[i]));
+        assert!((0..4).all(|i| k1(&law)[i] <= caps[i]));
     }
-    assert_eq!(law.k1(), caps);
+    assert_eq!(k1(&law), caps);
 }
 
 #[test]
@@ -198,13 +202,13 @@ fn t4_a_leak_lets_k1_decay_towards_its_start() {
     for _ in 0..200 {
         law.step(&input(&inside));
     }
-    let high = law.k1();
+    let high = k1(&law);
     for _ in 0..1000 {
         law.step(&input(&inside));
     }
     let decay = (1.0f64 - 0.05 * H_S).powi(1000);
     assert!((decay - (-1.0f64).exp()).abs() < 1e-3, "20 s at 0.05 per s are one time constant");
-    for (k1, high) in law.k1().into_iter().zip(high) {
+    for (k1, high) in k1(&law).into_iter().zip(high) {
         assert!(high > 5.0);
         assert!((k1 - 3.0 - (high - 3.0) * decay).abs() < 1e-9, "{k1} after {high}");
     }
@@ -212,7 +216,7 @@ fn t4_a_leak_lets_k1_decay_towards_its_start() {
     for _ in 0..50_000 {
         law.step(&input(&outside));
     }
-    for (k1, rate) in law.k1().into_iter().zip(RATES) {
+    for (k1, rate) in k1(&law).into_iter().zip(RATES) {
         assert!((k1 - 3.0 - rate / 0.05).abs() < 0.02, "{k1}");
     }
 }
@@ -240,7 +244,7 @@ fn t4_without_anti_windup_a_limited_axis_goes_on() {
     let mut law = agsta_with(&["anti_windup"], "none");
     let error = errors([1.0; 4], 0.0, 0.0);
     law.step(&LawInput { limited: [true; 4], ..input(&error) });
-    assert!((0..4).all(|i| law.k1()[i] > 0.0 && twisting(&law).z[i] < 0.0));
+    assert!((0..4).all(|i| k1(&law)[i] > 0.0 && twisting(&law).z[i] < 0.0));
 }
 
 #[test]
@@ -250,11 +254,11 @@ fn a_hand_over_keeps_adapted_gains_and_a_reset_forgets_them() {
     for _ in 0..500 {
         law.step(&input(&error));
     }
-    let adapted = law.k1();
+    let adapted = k1(&law);
     law.start_from(&input(&error), &Vector4::new(10.0, 0.0, -3.0, 1.0));
-    assert_eq!(law.k1(), adapted);
+    assert_eq!(k1(&law), adapted);
     law.reset();
-    assert_eq!(law.k1(), [0.0; 4]);
+    assert_eq!(k1(&law), [0.0; 4]);
     assert_eq!(twisting(&law).z, Vector4::zeros());
     assert!(agsta(&law).twisting().k2[0] < 2.001);
 }
@@ -623,4 +627,20 @@ fn tracking_errors_are_those_of_eq_4_with_the_heading_wrapped() {
     assert!((error.x1 - Vector4::new(0.2, -0.3, 0.5, turn)).amax() < 1e-12, "{}", error.x1);
     assert!((error.velocity - Vector4::new(0.2, -0.3, 0.01, 0.03)).amax() < 1e-12);
     assert!((error.model_acceleration - Vector4::new(0.99, 1.98, 2.97, 3.95)).amax() < 1e-12);
+}
+
+#[test]
+fn a_law_shows_what_it_says_that_it_has() {
+    for name in FILES {
+        for law in law_config(name).family().expect("legal") {
+            let shown = Snapshot::of(&law);
+            for capability in law.capabilities() {
+                assert!(shown.get(capability.signal()).is_some(), "{name}: {capability:?}");
+            }
+            let (has, sample) = (|one| law.capabilities().contains(&one), law.sample());
+            assert_eq!(has(Capability::SlidingVariable), sample.sigma.is_some(), "{name}");
+            assert_eq!(has(Capability::Gains), sample.k1.is_some(), "{name}");
+            assert_eq!(has(Capability::AdaptiveGains), sample.alpha_tol.is_some(), "{name}");
+        }
+    }
 }

@@ -182,7 +182,7 @@ pub static FAMILIES: &[Family] = families! {
         "{}, share of time with |σ| ≥ α_tol",
         "share of time outside the band in which gains may fall; adaptive laws only";
     "k1_end" GAINS, Better::Neither, Scores, "k1 at i = n",
-        "{}, gain k1 at the end", "gain k1 at the end; laws of the GSTA family only";
+        "{}, gain k1 at the end", "gain k1 at the end; laws with such a gain only";
     "k1_growth" GAINS, LOWER, Scores, "k1 at i = n minus k1 at i = 1",
         "{}, growth of the gain k1", "growth of the gain k1 over the window";
     "k1_slope_per_s" GAIN_RATES, LOWER, Scores, "(k1(n) − k1(n/2))/(nΔt/2)",

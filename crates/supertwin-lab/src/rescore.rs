@@ -3,7 +3,7 @@
 use crate::config::ConfigError;
 use crate::mission::Mission;
 use crate::ring::Blocks;
-use crate::score::{self, LawSample, OrNan, Scorer, Scores, Tracking};
+use crate::score::{self, OrNan, Scorer, Scores, Tracking};
 use crate::trial::ResolvedTrial;
 use supertwin_core::command::{Command, ControllerCommand};
 use supertwin_core::message::{Nav, Reference, SignalValues, Thrust, Truth};
@@ -11,6 +11,7 @@ use supertwin_core::run::Properties;
 use supertwin_core::source::{Columns, Label};
 use supertwin_core::{Block, Property, RunSource, Signal, Tick, Wrench, signal};
 use supertwin_gnc::Controller;
+use supertwin_gnc::control::{Law, LawSample};
 
 /// Signals that every tick must have to be scored, without and with truth: a run beside a real vehicle has none.
 fn needed() -> [Vec<&'static Signal>; 2] {
@@ -303,11 +304,16 @@ impl<'a> LawAtWork<'a> {
         while self.names.get(self.named + 1).is_some_and(|next| next.tick <= tick) {
             self.named += 1;
         }
-        // A law that is not of this family may show the gains of its substitute: they are not scored.
-        if !matches!(self.names[self.named].value.as_str(), "gsta" | "agsta") {
-            return Some(LawSample::default());
-        }
+        // What a law has to be scored by does not change while it works. One that shows what its substitute has is not
+        // scored by it.
+        let name = self.names[self.named].value.as_str();
+        let law = self.controller.laws().find(|law| law.name() == name);
+        let has = law.map(Law::sample).unwrap_or_default();
         let [k1, sigma] = gains.each_mut().map(|gain| gain.as_mut().and_then(|cursor| cursor.four(tick)));
-        Some(LawSample { k1: k1?, sigma: Some(sigma?), alpha_tol: self.controller.law().alpha_tol() })
+        Some(LawSample {
+            k1: if has.k1.is_some() { Some(k1?) } else { None },
+            sigma: if has.sigma.is_some() { Some(sigma?) } else { None },
+            alpha_tol: has.alpha_tol.and(self.controller.law().sample().alpha_tol),
+        })
     }
 }

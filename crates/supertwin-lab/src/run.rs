@@ -2,7 +2,7 @@
 
 use crate::config::ConfigError;
 use crate::mission::Mission;
-use crate::score::{LawSample, Scorer, Scores, Tracking};
+use crate::score::{Scorer, Scores, Tracking};
 use crate::trial::ResolvedTrial;
 use crate::twin::{NonFinite, Twin};
 use std::borrow::Cow;
@@ -11,8 +11,8 @@ use supertwin_core::check::{Finite, Positive};
 use supertwin_core::command::Command;
 use supertwin_core::digest::{DigestProbe, RunDigest};
 use supertwin_core::run::{FORMAT, Limits, NisGates, Properties, Property, Scene, Severity, ThrusterPlace};
-use supertwin_core::{Event, Observe, RunHeader, RunSink, SinkError, Tick};
-use supertwin_gnc::control::LawConfig;
+use supertwin_core::{Capability, Event, Observe, RunHeader, RunSink, SinkError, Tick};
+use supertwin_gnc::control::Law;
 use supertwin_gnc::estimator::SensorTrust;
 use supertwin_model::{SonarArray, ThrusterConfig};
 use supertwin_plant::cage::Cage;
@@ -135,9 +135,8 @@ pub(crate) fn play<S: RunSink>(
         }
         let Some(now) = twin.outputs() else { continue };
         let tracking = Tracking::new(now.nav, now.reference, twin.truth());
-        let law = twin.controller().law();
-        let sample = LawSample { k1: law.k1(), sigma: law.sigma(), alpha_tol: law.alpha_tol() };
-        scorer.add(tick, &tracking, now.thrust, &twin.truth().wrench, &sample);
+        let law = twin.controller().law().sample();
+        scorer.add(tick, &tracking, now.thrust, &twin.truth().wrench, &law);
         warnings += twin.events().iter().filter(|event| event.severity > Severity::Info).count() as u64;
         if recording {
             twin.observe(sink);
@@ -213,7 +212,11 @@ pub fn properties(trial: &ResolvedTrial, seed: u64, placement: &str, provenance:
     set("trial", trial.name.as_str().into());
     set("controller", trial.controller_name.as_str().into());
     set("law", trial.controller.law.name().into());
-    set("laws", laws(trial).join(" ").into());
+    let laws = laws(trial);
+    let names: BTreeSet<&str> = laws.iter().map(Law::name).collect();
+    set("laws", Vec::from_iter(names).join(" ").into());
+    let capabilities: BTreeSet<Capability> = laws.iter().flat_map(|law| law.capabilities()).copied().collect();
+    set("capabilities", Vec::from_iter(capabilities.into_iter().map(Capability::name)).join(" ").into());
     set("vehicle", trial.trial.vehicle.as_str().into());
     set("environment", trial.trial.environment.as_str().into());
     set("placement", placement.into());
@@ -238,16 +241,14 @@ pub fn results(outcome: &RunOutcome) -> Properties {
     properties
 }
 
-/// Every law that can come to command in this run, in alphabetical order.
-fn laws(trial: &ResolvedTrial) -> Vec<&'static str> {
-    let mut names = BTreeSet::new();
-    for config in std::iter::once(&trial.controller).chain(trial.standby.iter().map(|(_, config)| config)) {
-        names.insert(config.law.name());
-        if let LawConfig::External(external) = &config.law {
-            names.insert(external.substitute.name());
-        }
-    }
-    names.into_iter().collect()
+/// Every law that can come to command in this run.
+fn laws(trial: &ResolvedTrial) -> Vec<Law> {
+    let standby = trial.standby.iter().map(|(_, config)| config);
+    // That they can be built was checked when the trial was resolved.
+    std::iter::once(&trial.controller)
+        .chain(standby)
+        .flat_map(|config| config.law.family().unwrap_or_default())
+        .collect()
 }
 
 /// The net at rest as rings and verticals, the vehicle as a box with its thrusters, and limits.
@@ -286,14 +287,8 @@ fn thruster(config: &ThrusterConfig) -> ThrusterPlace {
 }
 
 fn limits(trial: &ResolvedTrial) -> Limits {
-    let law = match &trial.controller.law {
-        LawConfig::External(external) => &*external.substitute,
-        law => law,
-    };
-    let alpha_tol = match law {
-        LawConfig::Agsta(agsta) => Some(agsta.adaptation.alpha_tol.vector().into()),
-        _ => None,
-    };
+    // Of the law that steers first: a substitute, where it has one.
+    let alpha_tol = trial.controller.law.family().ok().and_then(|laws| laws.last()?.sample().alpha_tol);
     let trust = &trial.estimator.measurement;
     let gate = |sensor: &SensorTrust| sensor.gate.map(Positive::get);
     let nis_gate = NisGates {

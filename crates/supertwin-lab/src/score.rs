@@ -6,6 +6,7 @@ use supertwin_core::message::{FromSignals, Mode, Nav, Reference, SignalValues, T
 use supertwin_core::run::Properties;
 use supertwin_core::signal::tracking::QUANTITIES;
 use supertwin_core::{Axes, BodyVelocity, Observe, Probe, Signal, Tick, Wrench, signal};
+use supertwin_gnc::control::LawSample;
 
 /// Number of scored quantities.
 const COUNT: usize = QUANTITIES.len();
@@ -220,17 +221,6 @@ pub struct Scorer {
     k1: [f64; 4],
 }
 
-/// What the scorer needs to know of the law at a tick.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct LawSample {
-    /// Gains k1.
-    pub k1: [f64; 4],
-    /// Sliding variable, of laws that have one.
-    pub sigma: Option<[f64; 4]>,
-    /// `α_tol`, of laws that adapt.
-    pub alpha_tol: Option<[f64; 4]>,
-}
-
 impl Scorer {
     /// Scores the ticks `from_tick..to_tick`.
     #[must_use]
@@ -292,9 +282,9 @@ impl Scorer {
                 self.outside[i] += u64::from(sigma[i].abs() >= alpha_tol[i]);
             }
         }
-        self.k1 = law.k1;
+        self.k1 = law.k1.unwrap_or_default();
         if tick.k <= self.middle_tick {
-            self.k1_middle = law.k1;
+            self.k1_middle = self.k1;
         }
     }
 

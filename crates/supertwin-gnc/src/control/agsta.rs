@@ -8,13 +8,13 @@
 //! Eq. (20) is printed with a dot on k2; the relation is algebraic (Shtessel et al. 2010, the paper's reference 6):
 //! it is what keeps the Lyapunov function's derivative negative while k1 moves (control.md, section 1.3).
 
-use super::LawInput;
 use super::super_twisting::{AntiWindup, Discretisation, SuperTwisting};
 use super::surface::SurfaceConfig;
+use super::{ControlLaw, LawInput, LawSample};
 use nalgebra::Vector4;
 use serde::{Deserialize, Serialize};
 use supertwin_core::check::{NonNegative, Positive};
-use supertwin_core::{Axes, Observe, Probe};
+use supertwin_core::{Axes, Capability, Observe, Probe};
 use supertwin_model::Hydrodynamics;
 
 /// How k2 follows k1.
@@ -81,10 +81,13 @@ pub struct Agsta {
     second_gain: SecondGain,
 }
 
-impl Agsta {
-    /// # Errors
-    /// When the discretisation does not go with the surface, or a cap is below its start.
-    pub fn new(config: &AgstaConfig, model: &Hydrodynamics) -> Result<Self, String> {
+impl ControlLaw for Agsta {
+    type Config = AgstaConfig;
+    const CAPABILITIES: &'static [Capability] =
+        &[Capability::SlidingVariable, Capability::Gains, Capability::AdaptiveGains];
+
+    /// Fails when the discretisation does not go with the surface, or a cap is below its start.
+    fn new(config: &AgstaConfig, model: &Hydrodynamics) -> Result<Self, String> {
         let a = &config.adaptation;
         let twisting = SuperTwisting::new(
             &config.surface,
@@ -118,6 +121,52 @@ impl Agsta {
         Ok(law)
     }
 
+    /// One tick: slide, adapt, twist.
+    fn step(&mut self, input: &LawInput<'_>) -> Vector4<f64> {
+        self.twisting.slide(input.error, input.h_s);
+        self.adapt(input.h_s, self.twisting.frozen(input.limited));
+        self.twisting.twist(input)
+    }
+
+    /// See [`SuperTwisting::start_from`]. Adapted gains are kept: a hand-over does not unlearn.
+    fn start_from(&mut self, input: &LawInput<'_>, wrench: &Vector4<f64>) {
+        // The step that follows adapts first: anticipate it, so that nothing jumps.
+        let mut ahead = self.clone();
+        ahead.twisting.surface_restart();
+        ahead.twisting.slide(input.error, input.h_s);
+        ahead.adapt(input.h_s, ahead.twisting.frozen(input.limited));
+        ahead.twisting.start_from(input, wrench);
+        self.twisting.surface_restart();
+        self.twisting.z = ahead.twisting.z;
+    }
+
+    /// Takes over the adapted gains of `other`, up to the cap; where the initial gain was changed, it starts anew.
+    fn keep_adapted(&mut self, other: &Self) {
+        for i in 0..4 {
+            if self.k1_initial[i] == other.k1_initial[i] {
+                let k1 = other.twisting.k1[i].min(self.k1_cap[i]);
+                self.twisting.k1[i] = k1;
+                self.twisting.k2[i] = match self.second_gain {
+                    SecondGain::Algebraic => self.second(i, k1),
+                    SecondGain::Integrated => other.twisting.k2[i],
+                };
+            }
+        }
+    }
+
+    /// Forgets integrator, filter and adapted gains.
+    fn reset(&mut self) {
+        self.twisting.reset();
+        self.twisting.k1 = self.k1_initial;
+        self.twisting.k2 = Vector4::from_fn(|i, _| self.second(i, self.k1_initial[i]));
+    }
+
+    fn sample(&self) -> LawSample {
+        LawSample { alpha_tol: Some(self.alpha_tol.into()), ..self.twisting.sample() }
+    }
+}
+
+impl Agsta {
     /// `2 ε k1 + λ + 4 ε²`.
     fn second(&self, i: usize, k1: f64) -> f64 {
         2.0 * self.epsilon[i] * k1 + self.lambda[i] + 4.0 * self.epsilon[i] * self.epsilon[i]
@@ -141,56 +190,10 @@ impl Agsta {
         }
     }
 
-    /// One tick: slide, adapt, twist.
-    pub fn step(&mut self, input: &LawInput<'_>) -> Vector4<f64> {
-        self.twisting.slide(input.error, input.h_s);
-        self.adapt(input.h_s, self.twisting.frozen(input.limited));
-        self.twisting.twist(input)
-    }
-
-    /// See [`SuperTwisting::start_from`]. Adapted gains are kept: a hand-over does not unlearn.
-    pub fn start_from(&mut self, input: &LawInput<'_>, wrench: &Vector4<f64>) {
-        // The step that follows adapts first: anticipate it, so that nothing jumps.
-        let mut ahead = self.clone();
-        ahead.twisting.surface_restart();
-        ahead.twisting.slide(input.error, input.h_s);
-        ahead.adapt(input.h_s, ahead.twisting.frozen(input.limited));
-        ahead.twisting.start_from(input, wrench);
-        self.twisting.surface_restart();
-        self.twisting.z = ahead.twisting.z;
-    }
-
-    /// Takes over the adapted gains of `other`, up to the cap; where the initial gain was changed, it starts anew.
-    pub fn keep_adapted(&mut self, other: &Self) {
-        for i in 0..4 {
-            if self.k1_initial[i] == other.k1_initial[i] {
-                let k1 = other.twisting.k1[i].min(self.k1_cap[i]);
-                self.twisting.k1[i] = k1;
-                self.twisting.k2[i] = match self.second_gain {
-                    SecondGain::Algebraic => self.second(i, k1),
-                    SecondGain::Integrated => other.twisting.k2[i],
-                };
-            }
-        }
-    }
-
-    /// Forgets integrator, filter and adapted gains.
-    pub fn reset(&mut self) {
-        self.twisting.reset();
-        self.twisting.k1 = self.k1_initial;
-        self.twisting.k2 = Vector4::from_fn(|i, _| self.second(i, self.k1_initial[i]));
-    }
-
     /// The algorithm's state.
     #[must_use]
     pub fn twisting(&self) -> &SuperTwisting {
         &self.twisting
-    }
-
-    /// `α_tol`.
-    #[must_use]
-    pub fn alpha_tol(&self) -> Vector4<f64> {
-        self.alpha_tol
     }
 }
 

@@ -173,6 +173,11 @@ impl Controller {
         &self.laws[self.active].law
     }
 
+    /// Every law that a command may hand over to, and the one in command.
+    pub fn laws(&self) -> impl Iterator<Item = &Law> {
+        self.laws.iter().map(|candidate| &candidate.law)
+    }
+
     /// What the controller is doing.
     #[must_use]
     pub fn status(&self) -> Status {

@@ -3,11 +3,11 @@
 //! Allocation, limits and fallback stay on the vehicle. An axis that the request leaves out, and every axis when the
 //! request is too old, is the substitute's; it takes over without a jump.
 
-use super::{Law, LawConfig, LawInput};
+use super::{ControlLaw, Law, LawConfig, LawInput};
 use nalgebra::Vector4;
 use serde::{Deserialize, Serialize};
 use supertwin_core::message::WrenchRequest;
-use supertwin_core::{Observe, Probe, signal};
+use supertwin_core::{Capability, Observe, Probe, signal};
 use supertwin_model::Hydrodynamics;
 
 /// Parameters of the law.
@@ -26,18 +26,19 @@ pub struct External {
     last: Vector4<f64>,
 }
 
-impl External {
-    /// # Errors
-    /// When the substitute is itself external or can't be built.
-    pub fn new(config: &ExternalConfig, model: &Hydrodynamics) -> Result<Self, String> {
+impl ControlLaw for External {
+    type Config = ExternalConfig;
+    const CAPABILITIES: &'static [Capability] = &[Capability::External];
+
+    /// Fails when the substitute is itself external or can't be built.
+    fn new(config: &ExternalConfig, model: &Hydrodynamics) -> Result<Self, String> {
         if matches!(*config.substitute, LawConfig::External(_)) {
             return Err("law.external.substitute = external: must be a law of the vehicle's own".to_owned());
         }
         Ok(Self { substitute: Box::new(config.substitute.build(model)?), outside: [false; 4], last: Vector4::zeros() })
     }
 
-    /// One tick.
-    pub fn step(&mut self, input: &LawInput<'_>) -> Vector4<f64> {
+    fn step(&mut self, input: &LawInput<'_>) -> Vector4<f64> {
         let request = input.request.map_or([None; 4], WrenchRequest::to_array);
         let outside = request.map(|axis| axis.is_some_and(f64::is_finite));
         // An axis that comes back to the substitute continues from the last wrench; so do the others, which are its own.
@@ -57,23 +58,25 @@ impl External {
     }
 
     /// Hands over to the substitute.
-    pub fn start_from(&mut self, input: &LawInput<'_>, wrench: &Vector4<f64>) {
+    fn start_from(&mut self, input: &LawInput<'_>, wrench: &Vector4<f64>) {
         self.substitute.start_from(input, wrench);
         self.last = *wrench;
     }
 
-    /// See [`Law::keep_adapted`].
-    pub fn keep_adapted(&mut self, other: &Self) {
+    fn keep_adapted(&mut self, other: &Self) {
         self.substitute.keep_adapted(&other.substitute);
         self.outside = other.outside;
         self.last = other.last;
     }
 
-    /// Forgets everything.
-    pub fn reset(&mut self) {
+    fn reset(&mut self) {
         self.substitute.reset();
         self.outside = [false; 4];
         self.last = Vector4::zeros();
+    }
+
+    fn substitute(&self) -> Option<&Law> {
+        Some(&self.substitute)
     }
 }
 

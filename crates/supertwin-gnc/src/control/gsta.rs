@@ -1,12 +1,12 @@
 //! GSTA: generalized super-twisting with fixed gains, paper eq. (14)-(17).
 
-use super::LawInput;
 use super::super_twisting::{AntiWindup, Discretisation, SuperTwisting};
 use super::surface::SurfaceConfig;
+use super::{ControlLaw, LawInput, LawSample};
 use nalgebra::Vector4;
 use serde::{Deserialize, Serialize};
 use supertwin_core::check::Positive;
-use supertwin_core::{Axes, Observe, Probe};
+use supertwin_core::{Axes, Capability, Observe, Probe};
 use supertwin_model::Hydrodynamics;
 
 /// Gains of the law (units in [`super::super_twisting`]).
@@ -33,10 +33,12 @@ pub struct Gsta {
     twisting: SuperTwisting,
 }
 
-impl Gsta {
-    /// # Errors
-    /// When the discretisation does not go with the surface.
-    pub fn new(config: &GstaConfig, model: &Hydrodynamics) -> Result<Self, String> {
+impl ControlLaw for Gsta {
+    type Config = GstaConfig;
+    const CAPABILITIES: &'static [Capability] = &[Capability::SlidingVariable, Capability::Gains];
+
+    /// Fails when the discretisation does not go with the surface.
+    fn new(config: &GstaConfig, model: &Hydrodynamics) -> Result<Self, String> {
         let mut twisting = SuperTwisting::new(
             &config.surface,
             config.discretisation,
@@ -49,22 +51,25 @@ impl Gsta {
         Ok(Self { twisting })
     }
 
-    /// One tick.
-    pub fn step(&mut self, input: &LawInput<'_>) -> Vector4<f64> {
+    fn step(&mut self, input: &LawInput<'_>) -> Vector4<f64> {
         self.twisting.slide(input.error, input.h_s);
         self.twisting.twist(input)
     }
 
-    /// See [`SuperTwisting::start_from`].
-    pub fn start_from(&mut self, input: &LawInput<'_>, wrench: &Vector4<f64>) {
+    fn start_from(&mut self, input: &LawInput<'_>, wrench: &Vector4<f64>) {
         self.twisting.start_from(input, wrench);
     }
 
-    /// Forgets integrator and filter.
-    pub fn reset(&mut self) {
+    fn reset(&mut self) {
         self.twisting.reset();
     }
 
+    fn sample(&self) -> LawSample {
+        self.twisting.sample()
+    }
+}
+
+impl Gsta {
     /// The algorithm's state.
     #[must_use]
     pub fn twisting(&self) -> &SuperTwisting {

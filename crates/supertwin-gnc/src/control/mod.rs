@@ -1,8 +1,10 @@
 //! The controller service: navigation and reference in, thruster commands out; the laws are its rooms.
 //!
-//! Adding a law: one file beside this one, one arm in [`LawConfig`] and [`Law`], one parameter file.
+//! Adding a law: one file beside this one with its [`ControlLaw`], one arm in the list `laws!` below, one parameter file.
 
 mod agsta;
+#[cfg(feature = "another-law")]
+mod boundary_layer;
 mod controller;
 mod error;
 mod external;
@@ -13,6 +15,8 @@ pub mod super_twisting;
 pub mod surface;
 
 pub use agsta::{AdaptationConfig, Agsta, AgstaConfig, SecondGain};
+#[cfg(feature = "another-law")]
+pub use boundary_layer::{BoundaryLayer, BoundaryLayerConfig};
 pub use controller::{Controller, ControllerInput, ControllerLimits, ControllerSetup, Status};
 pub use error::TrackingError;
 pub use external::{External, ExternalConfig};
@@ -23,7 +27,7 @@ pub use pid::{Pid, PidConfig};
 use nalgebra::Vector4;
 use serde::{Deserialize, Serialize};
 use supertwin_core::message::WrenchRequest;
-use supertwin_core::{Observe, Probe};
+use supertwin_core::{Capability, Observe, Probe};
 use supertwin_model::Hydrodynamics;
 
 /// A controller file.
@@ -34,54 +38,6 @@ pub struct ControllerConfig {
     pub description: String,
     /// The law with its gains.
     pub law: LawConfig,
-}
-
-/// A law with its gains. One arm per law.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum LawConfig {
-    /// Proportional, integral, derivative.
-    Pid(PidConfig),
-    /// Generalized super-twisting with fixed gains.
-    Gsta(GstaConfig),
-    /// Generalized super-twisting with adaptive gains.
-    Agsta(AgstaConfig),
-    /// A wrench from outside.
-    External(ExternalConfig),
-}
-
-impl LawConfig {
-    /// Builds the law on a nominal model (the implicit discretisation needs its inertia).
-    ///
-    /// # Errors
-    /// Names the value and the rule when parameters contradict each other.
-    pub fn build(&self, model: &Hydrodynamics) -> Result<Law, String> {
-        Ok(match self {
-            Self::Pid(config) => Law::Pid(Pid::new(config)),
-            Self::Gsta(config) => Law::Gsta(Gsta::new(config, model)?),
-            Self::Agsta(config) => Law::Agsta(Agsta::new(config, model)?),
-            Self::External(config) => Law::External(External::new(config, model)?),
-        })
-    }
-
-    /// Whether the law can be built at all; which vehicle it is for does not matter to that.
-    ///
-    /// # Errors
-    /// Names the value and the rule when parameters contradict each other.
-    pub fn check(&self) -> Result<(), String> {
-        self.build(&Hydrodynamics::unit()).map(drop)
-    }
-
-    /// The arm's name.
-    #[must_use]
-    pub fn name(&self) -> &'static str {
-        match self {
-            Self::Pid(_) => "pid",
-            Self::Gsta(_) => "gsta",
-            Self::Agsta(_) => "agsta",
-            Self::External(_) => "external",
-        }
-    }
 }
 
 /// What a law is given at a tick.
@@ -97,108 +53,196 @@ pub struct LawInput<'a> {
     pub request: Option<&'a WrenchRequest>,
 }
 
-/// A law at work. One arm per law.
-#[derive(Clone, Debug)]
-#[allow(clippy::large_enum_variant, reason = "a handful per run, and no box on the way to a step")]
-pub enum Law {
-    /// See [`Pid`].
-    Pid(Pid),
-    /// See [`Gsta`].
-    Gsta(Gsta),
-    /// See [`Agsta`].
-    Agsta(Agsta),
-    /// See [`External`].
-    External(External),
+/// What scores ask of a law at a tick.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct LawSample {
+    /// Gains `k1`, of laws that have them.
+    pub k1: Option<[f64; 4]>,
+    /// Sliding variable, of laws that have one.
+    pub sigma: Option<[f64; 4]>,
+    /// `α_tol`, of laws that adapt.
+    pub alpha_tol: Option<[f64; 4]>,
 }
 
-impl Law {
+/// A control law: what its file says of it.
+pub trait ControlLaw: Observe + Clone {
+    /// Its parameters.
+    type Config;
+    /// What it shows of its own, beside its wrench.
+    const CAPABILITIES: &'static [Capability];
+
+    /// Builds it on a nominal model.
+    ///
+    /// # Errors
+    /// Names the value and the rule when parameters contradict each other.
+    fn new(config: &Self::Config, model: &Hydrodynamics) -> Result<Self, String>;
+
     /// One tick: the wrench it wants, in body axes.
-    pub fn step(&mut self, input: &LawInput<'_>) -> Vector4<f64> {
-        match self {
-            Self::Pid(law) => law.step(input),
-            Self::Gsta(law) => law.step(input),
-            Self::Agsta(law) => law.step(input),
-            Self::External(law) => law.step(input),
-        }
-    }
+    fn step(&mut self, input: &LawInput<'_>) -> Vector4<f64>;
 
     /// Takes over so that the wrench at `input` is `wrench`, as far as the law has an integrator to do it with.
-    pub fn start_from(&mut self, input: &LawInput<'_>, wrench: &Vector4<f64>) {
-        match self {
-            Self::Pid(law) => law.start_from(input, wrench),
-            Self::Gsta(law) => law.start_from(input, wrench),
-            Self::Agsta(law) => law.start_from(input, wrench),
-            Self::External(law) => law.start_from(input, wrench),
-        }
-    }
+    fn start_from(&mut self, input: &LawInput<'_>, wrench: &Vector4<f64>);
 
     /// Takes over what `other`, the same law with other parameters, has learned.
-    pub fn keep_adapted(&mut self, other: &Self) {
-        match (self, other) {
-            (Self::Agsta(law), Self::Agsta(other)) => law.keep_adapted(other),
-            (Self::External(law), Self::External(other)) => law.keep_adapted(other),
-            _ => {}
-        }
+    fn keep_adapted(&mut self, other: &Self) {
+        let _ = other;
     }
 
     /// Forgets integrators, filters and adapted gains.
-    pub fn reset(&mut self) {
-        match self {
-            Self::Pid(law) => law.reset(),
-            Self::Gsta(law) => law.reset(),
-            Self::Agsta(law) => law.reset(),
-            Self::External(law) => law.reset(),
-        }
+    fn reset(&mut self);
+
+    /// What it is scored by.
+    fn sample(&self) -> LawSample {
+        LawSample::default()
     }
 
-    /// The arm's name.
-    #[must_use]
-    pub fn name(&self) -> &'static str {
-        match self {
-            Self::Pid(_) => "pid",
-            Self::Gsta(_) => "gsta",
-            Self::Agsta(_) => "agsta",
-            Self::External(_) => "external",
-        }
-    }
-
-    /// Gains `k1` now; zero for laws that have none.
-    #[must_use]
-    pub fn k1(&self) -> [f64; 4] {
-        match self {
-            Self::Gsta(law) => law.twisting().k1.into(),
-            Self::Agsta(law) => law.twisting().k1.into(),
-            Self::Pid(_) | Self::External(_) => [0.0; 4],
-        }
-    }
-
-    /// Sliding variable now; the position-like errors for laws that have none.
-    #[must_use]
-    pub fn sigma(&self) -> Option<[f64; 4]> {
-        match self {
-            Self::Gsta(law) => Some(law.twisting().sigma.into()),
-            Self::Agsta(law) => Some(law.twisting().sigma.into()),
-            Self::Pid(_) | Self::External(_) => None,
-        }
-    }
-
-    /// `alpha_tol` of an adaptive law.
-    #[must_use]
-    pub fn alpha_tol(&self) -> Option<[f64; 4]> {
-        match self {
-            Self::Agsta(law) => Some(law.alpha_tol().into()),
-            Self::Pid(_) | Self::Gsta(_) | Self::External(_) => None,
-        }
+    /// The law that steers where this one does not.
+    fn substitute(&self) -> Option<&Law> {
+        None
     }
 }
 
-impl Observe for Law {
-    fn observe<P: Probe>(&self, probe: &mut P) {
-        match self {
-            Self::Pid(law) => law.observe(probe),
-            Self::Gsta(law) => law.observe(probe),
-            Self::Agsta(law) => law.observe(probe),
-            Self::External(law) => law.observe(probe),
+macro_rules! laws {
+    ($($(#[doc = $about:literal])+ $([$feature:literal])? $arm:ident = $name:literal),* $(,)?) => {
+        /// A law with its gains. One arm per law.
+        #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+        pub enum LawConfig {
+            $($(#[doc = $about])+ $(#[cfg(feature = $feature)])? #[serde(rename = $name)] $arm(<$arm as ControlLaw>::Config)),*
         }
+
+        /// A law at work. One arm per law.
+        #[derive(Clone, Debug)]
+        #[allow(clippy::large_enum_variant, reason = "a handful per run, and no box on the way to a step")]
+        pub enum Law {
+            $($(#[doc = $about])+ $(#[cfg(feature = $feature)])? $arm($arm)),*
+        }
+
+        /// Every law by name, with what it shows of its own.
+        pub const LAWS: &[(&str, &[Capability])] =
+            &[$($(#[cfg(feature = $feature)])? ($name, $arm::CAPABILITIES)),*];
+
+        impl LawConfig {
+            /// Builds the law on a nominal model (the implicit discretisation needs its inertia).
+            ///
+            /// # Errors
+            /// Names the value and the rule when parameters contradict each other.
+            pub fn build(&self, model: &Hydrodynamics) -> Result<Law, String> {
+                Ok(match self {
+                    $($(#[cfg(feature = $feature)])? Self::$arm(config) => Law::$arm($arm::new(config, model)?)),*
+                })
+            }
+
+            /// The arm's name.
+            #[must_use]
+            pub fn name(&self) -> &'static str {
+                match self {
+                    $($(#[cfg(feature = $feature)])? Self::$arm(_) => $name),*
+                }
+            }
+        }
+
+        impl Law {
+            /// See [`ControlLaw::step`].
+            pub fn step(&mut self, input: &LawInput<'_>) -> Vector4<f64> {
+                match self {
+                    $($(#[cfg(feature = $feature)])? Self::$arm(law) => law.step(input)),*
+                }
+            }
+
+            /// See [`ControlLaw::start_from`].
+            pub fn start_from(&mut self, input: &LawInput<'_>, wrench: &Vector4<f64>) {
+                match self {
+                    $($(#[cfg(feature = $feature)])? Self::$arm(law) => law.start_from(input, wrench)),*
+                }
+            }
+
+            /// See [`ControlLaw::keep_adapted`].
+            pub fn keep_adapted(&mut self, other: &Self) {
+                match (self, other) {
+                    $($(#[cfg(feature = $feature)])? (Self::$arm(law), Self::$arm(other)) => law.keep_adapted(other),)*
+                    _ => {}
+                }
+            }
+
+            /// See [`ControlLaw::reset`].
+            pub fn reset(&mut self) {
+                match self {
+                    $($(#[cfg(feature = $feature)])? Self::$arm(law) => law.reset()),*
+                }
+            }
+
+            /// The arm's name.
+            #[must_use]
+            pub fn name(&self) -> &'static str {
+                match self {
+                    $($(#[cfg(feature = $feature)])? Self::$arm(_) => $name),*
+                }
+            }
+
+            /// See [`ControlLaw::sample`].
+            #[must_use]
+            pub fn sample(&self) -> LawSample {
+                match self {
+                    $($(#[cfg(feature = $feature)])? Self::$arm(law) => law.sample()),*
+                }
+            }
+
+            /// See [`ControlLaw::substitute`].
+            #[must_use]
+            pub fn substitute(&self) -> Option<&Self> {
+                match self {
+                    $($(#[cfg(feature = $feature)])? Self::$arm(law) => law.substitute()),*
+                }
+            }
+        }
+
+        impl Observe for Law {
+            fn observe<P: Probe>(&self, probe: &mut P) {
+                match self {
+                    $($(#[cfg(feature = $feature)])? Self::$arm(law) => law.observe(probe)),*
+                }
+            }
+        }
+    };
+}
+
+laws! {
+    /// Proportional, integral, derivative.
+    Pid = "pid",
+    /// Generalized super-twisting with fixed gains.
+    Gsta = "gsta",
+    /// Generalized super-twisting with adaptive gains.
+    Agsta = "agsta",
+    /// A wrench from outside.
+    External = "external",
+    /// Sliding mode with a boundary layer: a law more, which tests add.
+    ["another-law"] BoundaryLayer = "boundary_layer",
+}
+
+impl LawConfig {
+    /// Whether the law can be built at all; which vehicle it is for does not matter to that.
+    ///
+    /// # Errors
+    /// Names the value and the rule when parameters contradict each other.
+    pub fn check(&self) -> Result<(), String> {
+        self.build(&Hydrodynamics::unit()).map(drop)
+    }
+
+    /// The law and, where another steers in its place, that one: every law that this one can bring to command.
+    ///
+    /// # Errors
+    /// As [`LawConfig::build`].
+    pub fn family(&self) -> Result<Vec<Law>, String> {
+        let law = self.build(&Hydrodynamics::unit())?;
+        let substitute = law.substitute().cloned();
+        Ok(std::iter::once(law).chain(substitute).collect())
+    }
+}
+
+impl Law {
+    /// What it shows of its own, beside its wrench.
+    #[must_use]
+    pub fn capabilities(&self) -> &'static [Capability] {
+        LAWS.iter().find(|(name, _)| *name == self.name()).map_or(&[], |(_, capabilities)| capabilities)
     }
 }

@@ -3,13 +3,14 @@
 //! `e = x1 = [ũ, ṽ, z̃, psĩ]`: velocity errors in surge and sway, position errors in depth and heading. `e'` is `w̃`
 //! and `r̃` in depth and heading, and a filtered derivative in surge and sway.
 
-use super::LawInput;
 use super::super_twisting::AntiWindup;
 use super::surface::{Surface, SurfaceConfig};
+use super::{ControlLaw, LawInput};
 use nalgebra::Vector4;
 use serde::{Deserialize, Serialize};
 use supertwin_core::check::{NonNegative, Positive};
-use supertwin_core::{Axes, Observe, Probe, signal};
+use supertwin_core::{Axes, Capability, Observe, Probe, signal};
+use supertwin_model::Hydrodynamics;
 
 /// Gains in newtons (newton metres) per unit of error, its integral and its derivative.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -40,27 +41,29 @@ pub struct Pid {
 }
 
 impl Pid {
-    /// From its gains.
-    #[must_use]
-    pub fn new(config: &PidConfig) -> Self {
+    fn rate(derivative: &mut Surface, input: &LawInput<'_>) -> Vector4<f64> {
+        let lead = derivative.step(input.error, input.h_s) - input.error.x1;
+        Vector4::new(lead[0], lead[1], input.error.velocity[2], input.error.velocity[3])
+    }
+}
+
+impl ControlLaw for Pid {
+    type Config = PidConfig;
+    const CAPABILITIES: &'static [Capability] = &[Capability::Integral];
+
+    fn new(config: &PidConfig, _: &Hydrodynamics) -> Result<Self, String> {
         let filter = SurfaceConfig::LeadFilter { time_constant_s: config.derivative_filter_s };
-        Self {
+        Ok(Self {
             kp: config.kp.vector(),
             ki: config.ki.vector(),
             kd: config.kd.vector(),
             anti_windup: config.anti_windup,
             derivative: Surface::new(&filter),
             integral: Vector4::zeros(),
-        }
+        })
     }
 
-    fn rate(derivative: &mut Surface, input: &LawInput<'_>) -> Vector4<f64> {
-        let lead = derivative.step(input.error, input.h_s) - input.error.x1;
-        Vector4::new(lead[0], lead[1], input.error.velocity[2], input.error.velocity[3])
-    }
-
-    /// One tick.
-    pub fn step(&mut self, input: &LawInput<'_>) -> Vector4<f64> {
+    fn step(&mut self, input: &LawInput<'_>) -> Vector4<f64> {
         let e = input.error.x1;
         let e_dot = Self::rate(&mut self.derivative, input);
         for i in 0..4 {
@@ -72,7 +75,7 @@ impl Pid {
     }
 
     /// Sets the integrals so that the wrench at `input` is `wrench`, on the axes that have an integral gain.
-    pub fn start_from(&mut self, input: &LawInput<'_>, wrench: &Vector4<f64>) {
+    fn start_from(&mut self, input: &LawInput<'_>, wrench: &Vector4<f64>) {
         self.derivative.reset();
         let e_dot = Self::rate(&mut self.derivative.clone(), input);
         let rest = self.kp.component_mul(&input.error.x1) + self.kd.component_mul(&e_dot) + wrench;
@@ -86,8 +89,7 @@ impl Pid {
         }
     }
 
-    /// Forgets integrals and filter.
-    pub fn reset(&mut self) {
+    fn reset(&mut self) {
         self.derivative.reset();
         self.integral = Vector4::zeros();
     }

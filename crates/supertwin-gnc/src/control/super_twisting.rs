@@ -8,7 +8,7 @@
 //! Gains are in newtons (newton metres in yaw): `k1` per √σ, `k2` per second.
 
 use super::surface::{Surface, SurfaceConfig};
-use super::{LawInput, TrackingError};
+use super::{LawInput, LawSample, TrackingError};
 use nalgebra::Vector4;
 use serde::{Deserialize, Serialize};
 use supertwin_core::{Observe, Probe, signal};
@@ -205,6 +205,12 @@ impl SuperTwisting {
             }
         }
         tau
+    }
+
+    /// What the laws of this family are scored by; they add a tolerance if they adapt.
+    #[must_use]
+    pub fn sample(&self) -> LawSample {
+        LawSample { k1: Some(self.k1.into()), sigma: Some(self.sigma.into()), alpha_tol: None }
     }
 
     /// Sets the integrator so that the wrench at `input` is `wrench`; the filter starts afresh.

@@ -99,7 +99,7 @@ pub fn evaluate(source: &impl RunSource, grid: &Grid, wanted: &Selection) -> Res
         }
         count += 1;
         errors.add(tracking);
-        gains = law.sigma.map(|_| [gains.map_or(law.k1, |[first, _]| first), law.k1]);
+        gains = law.k1.map(|k1| [gains.map_or(k1, |[first, _]| first), k1]);
         if doubts {
             consistency.add(source, &sample);
         }
