@@ -16,7 +16,7 @@ use supertwin_rerun::{ReadError, Recording, read_selected};
 /// A run of which less than this share of the window was recorded is not compared.
 const LEAST_COVERAGE: f64 = 0.9;
 /// Shows where a recording ends that does not say how long its run was to be.
-const SHORT_SIGNAL: &str = "guidance/reference/setpoint";
+const SHORT_SIGNAL: &str = supertwin_core::signal::reference::SETPOINT.path;
 
 /// What is wanted of every run.
 pub(super) struct Ask<'a> {

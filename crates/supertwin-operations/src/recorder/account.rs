@@ -5,6 +5,9 @@ use super::keep::Keep;
 use std::collections::BTreeMap;
 use std::time::Duration;
 use supertwin_core::Probe as _;
+use supertwin_core::signal::link::{
+    self, AGE, DEADLINE, GAPS, LAG, LOOP_TIME, MISSING, RATE, REFUSED, STEP_TIME, TRANSPORT, wire_gaps,
+};
 use supertwin_protocol::{Clock, Health};
 use supertwin_rerun::Clocks;
 use supertwin_zenoh::witness::RING;
@@ -120,11 +123,12 @@ impl Account {
             }
         };
         for (service, health) in std::mem::take(&mut self.healths) {
-            let path = |what: &str| format!("link/{service}/{what}");
-            let three = ["median", "p99", "max"];
-            show(&path("step_time"), &three, "µs", "time of a step with all that belongs to it", &health.step_us);
+            let mut show_account = |account: &link::Account, components: &[&str], values: &[f64]| {
+                show(&account.path(&service), components, account.unit, account.about, values);
+            };
+            show_account(&STEP_TIME, STEP_TIME.components, &health.step_us);
             if health.loop_us != [0.0; 3] {
-                show(&path("loop_time"), &three, "µs", "from measurements to the thrust they led to", &health.loop_us);
+                show_account(&LOOP_TIME, LOOP_TIME.components, &health.loop_us);
             }
             let before = self.rates.insert(service.clone(), (health.clock_ns, health.steps));
             if let Some((clock_ns, steps)) = before
@@ -132,43 +136,28 @@ impl Account {
                 && health.steps >= steps
             {
                 let rate = (health.steps - steps) as f64 * 1e9 / (health.clock_ns - clock_ns) as f64;
-                show(&path("rate"), &[], "Hz", "steps per second", &[rate]);
+                show_account(&RATE, &[], &[rate]);
             }
             let counts = [health.deadline_misses, health.skipped, health.by_timer, health.late_triggers];
-            let names = ["misses", "skipped", "by_timer", "late_triggers"];
-            show(&path("deadline"), &names, "count", "ticks that did not come as planned", &counts.map(|n| n as f64));
+            show_account(&DEADLINE, DEADLINE.components, &counts.map(|n| n as f64));
             let overflow = health.overflow[0] + health.overflow[1];
             let counts =
                 [health.refused, overflow, health.telemetry_dropped, health.letters_dropped, health.not_finite];
-            let names = ["refused", "overflow", "telemetry_dropped", "letters_dropped", "not_finite"];
-            show(&path("refused"), &names, "count", "what was refused or did not fit", &counts.map(|n| n as f64));
+            show_account(&REFUSED, REFUSED.components, &counts.map(|n| n as f64));
             let keys: Vec<&str> = health.inputs.keys().map(String::as_str).collect();
             let each = |of: fn(&supertwin_protocol::InputHealth) -> f64| -> Vec<f64> {
                 health.inputs.values().map(of).collect()
             };
-            show(&path("age"), &keys, "ticks", "greatest age of an input at a step", &each(|i| i.age_ticks_max as f64));
-            show(
-                &path("transport"),
-                &keys,
-                "ms",
-                "longest way of an input, if the clocks agree",
-                &each(|i| i.transport_ms_max),
-            );
-            show(
-                &path("missing"),
-                &keys,
-                "count",
-                "messages of an input that never came",
-                &each(|i| i.counts.missing as f64),
-            );
+            show_account(&AGE, &keys, &each(|i| i.age_ticks_max as f64));
+            show_account(&TRANSPORT, &keys, &each(|i| i.transport_ms_max));
+            show_account(&MISSING, &keys, &each(|i| i.counts.missing as f64));
         }
-        let about = "messages that are not in this recording";
-        show("link/recorder/gaps", &RING, "count", about, &missing.map(|n| n as f64));
+        show(GAPS.path, GAPS.components, GAPS.unit(0), GAPS.about, &missing.map(|n| n as f64));
         for (key, missing) in wires {
-            show(&format!("link/recorder/wire_gaps/{key}"), &[], "count", about, &[*missing as f64]);
+            show(&wire_gaps(key), &[], GAPS.unit(0), GAPS.about, &[*missing as f64]);
         }
         let lag_ms = (clocks.recorder_ns - clocks.sender_ns) as f64 / 1e6;
-        show("link/recorder/lag", &[], "ms", "from the plant's clock to the recorder's", &[lag_ms]);
+        show(LAG.path, &[], LAG.unit(0), LAG.about, &[lag_ms]);
     }
 }
 
