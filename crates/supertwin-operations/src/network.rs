@@ -7,7 +7,7 @@ use supertwin_protocol::{Clock, SystemClock, keys};
 use supertwin_zenoh::{Inbox, Interrupter, Link, Session, client, watch};
 
 /// The four services of a vehicle.
-pub const SERVICES: [&str; 4] = ["plant", "estimator", "guidance", "controller"];
+pub use supertwin_core::block::SERVICES;
 
 /// A client on the network.
 pub struct NetworkClient {

@@ -18,7 +18,7 @@ use zenoh::qos::{CongestionControl, Priority};
 use zenoh::{Session, Wait};
 
 /// The services whose telemetry a witness wants, in the order of the ring.
-pub const RING: [&str; 4] = ["plant", "estimator", "guidance", "controller"];
+pub use supertwin_core::block::SERVICES as RING;
 
 /// How a witness looks.
 #[derive(Clone, Debug)]

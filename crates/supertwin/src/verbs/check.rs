@@ -88,56 +88,6 @@ fn flatten(path: &str, value: &Value, rows: &mut Vec<(String, String)>) {
             array.iter().enumerate().for_each(|(i, value)| flatten(&join(&i.to_string()), value, rows));
         }
         Value::String(text) => rows.push((path.to_owned(), text.trim().replace('\n', " "))),
-        other => rows.push((path.to_owned(), format!("{other} {}", unit(path)).trim_end().to_owned())),
+        other => rows.push((path.to_owned(), format!("{other} {}", unit::of_place(path).unwrap_or_default()).trim_end().to_owned())),
     }
-}
-
-/// The unit that the last word of a path carries, or that it has at its place.
-fn unit(path: &str) -> String {
-    const UNITS: &[(&str, &str)] = &[
-        ("alpha_tol.surge", "m/s"),
-        ("alpha_tol.sway", "m/s"),
-        ("alpha_tol.heave", "m"),
-        ("alpha_tol.yaw", "rad"),
-        ("k1.surge", "N/√σ"),
-        ("k1.sway", "N/√σ"),
-        ("k1.heave", "N/√σ"),
-        ("k1.yaw", "N m/√σ"),
-        ("k2.surge", "N/s"),
-        ("k2.sway", "N/s"),
-        ("k2.heave", "N/s"),
-        ("k2.yaw", "N m/s"),
-        ("kp.surge", "N s/m"),
-        ("kp.sway", "N s/m"),
-        ("kp.heave", "N/m"),
-        ("kp.yaw", "N m/rad"),
-        ("dvl.std", "m/s"),
-        ("depth.std", "m"),
-        ("compass.std", "rad"),
-        ("gyro.std", "rad/s"),
-        ("ki.surge", "N/m"),
-        ("ki.sway", "N/m"),
-        ("ki.heave", "N/(m s)"),
-        ("ki.yaw", "N m/(rad s)"),
-        ("kd.surge", "N s²/m"),
-        ("kd.sway", "N s²/m"),
-        ("kd.heave", "N s/m"),
-        ("kd.yaw", "N m s/rad"),
-        ("lambda.surge", "N/s"),
-        ("lambda.sway", "N/s"),
-        ("lambda.heave", "N/s"),
-        ("lambda.yaw", "N m/s"),
-        ("k1_initial.surge", "N/√σ"),
-        ("k1_initial.sway", "N/√σ"),
-        ("k1_initial.heave", "N/√σ"),
-        ("k1_initial.yaw", "N m/√σ"),
-        ("velocity.max_rate", "m/s²"),
-        ("velocity.max_acceleration", "m/s³"),
-        ("reference.depth.max_rate", "m/s"),
-        ("reference.depth.max_acceleration", "m/s²"),
-        ("heading.max_rate", "rad/s"),
-        ("heading.max_acceleration", "rad/s²"),
-    ];
-    let here = UNITS.iter().find(|(suffix, _)| path.ends_with(suffix)).map(|(_, unit)| *unit);
-    unit::of(path).or(here).unwrap_or_default().to_owned()
 }

@@ -98,7 +98,7 @@ pub(crate) fn scores(done: &[&FinishedRun]) -> String {
     row("Thrust activity sway [N/s]", 1, &|scores| scores.activity.sway);
     row("Thrust activity heave [N/s]", 1, &|scores| scores.activity.heave);
     row("Thrust activity yaw [N m/s]", 2, &|scores| scores.activity.yaw);
-    for (axis, name) in ["surge", "sway", "heave", "yaw"].into_iter().enumerate() {
+    for (axis, name) in supertwin_core::axes::AXIS_NAMES.iter().enumerate() {
         row(&format!("k1 {name} at the end"), 1, &|scores| scores.k1_end.to_array()[axis]);
     }
     text + &aligned(truth)
