@@ -15,8 +15,8 @@ use supertwin_core::signal::link::{self, Account};
 use supertwin_core::signal::{
     controller, estimator, guidance, measurements, nav, plant, reference, thrust, truth, wrench_request,
 };
-use supertwin_core::{Observe, Probe, Property, RunHeader, RunSink, RunSource, Signal, Tick};
-use supertwin_lab::{Library, metrics, trial};
+use supertwin_core::{Capability, Observe, Probe, Property, RunHeader, RunSink, RunSource, Signal, Tick};
+use supertwin_lab::{LAWS, Library, metrics, trial};
 use supertwin_rerun::blueprint::{self, About, DASHBOARDS, Dashboard, TABS, View};
 use supertwin_rerun::merge::{Better, Cell, Row, Scores};
 use supertwin_rerun::{
@@ -157,7 +157,7 @@ fn record_network() -> (PathBuf, Recording) {
     let mut sink = RerunSink::create(&path, overwrite()).unwrap();
     let properties = Properties::from([
         ("placement".to_owned(), "up".into()),
-        ("law".to_owned(), "agsta".into()),
+        ("capabilities".to_owned(), "sliding_variable gains adaptive_gains".into()),
         ("duration_s".to_owned(), 60.0.into()),
     ]);
     sink.begin(&RunHeader { name: "network".to_owned(), properties, scene: Scene::default() }).unwrap();
@@ -233,7 +233,8 @@ fn only_recordings_over_the_network_have_a_tab_for_it() {
 #[test]
 fn a_law_has_the_plots_that_it_can_fill() {
     let titles = |law: &str| {
-        let about = About { laws: vec![law.to_owned()], ..About::default() };
+        let (_, capabilities) = LAWS.iter().find(|(name, _)| *name == law).unwrap();
+        let about = About { capabilities: capabilities.to_vec(), ..About::default() };
         let dashboard = Dashboard::named("adaptation", &about).unwrap();
         dashboard.views().iter().map(|view| view.name.clone()).collect::<Vec<_>>().join("; ")
     };
@@ -244,7 +245,8 @@ fn a_law_has_the_plots_that_it_can_fill() {
     assert!(titles("external").contains("α_tol") && titles("external").contains("Error integral"));
     // Only a network has external controllers.
     assert!(!titles("external").contains("External"));
-    let about = About { laws: vec!["external".to_owned(), "pid".to_owned()], network: true, ..About::default() };
+    let capabilities = vec![Capability::External, Capability::Integral];
+    let about = About { capabilities, network: true, ..About::default() };
     let dashboard = Dashboard::named("adaptation", &about).unwrap();
     let paths: Vec<&str> = dashboard.views().iter().flat_map(|view| &view.entities).map(String::as_str).collect();
     let shows = |signal: &Signal| paths.iter().any(|path| matches(path, signal.path));

@@ -35,5 +35,6 @@ pub use rescore::{RescoreError, Rescored, rescore};
 pub use ring::Blocks;
 pub use run::{RunError, RunOutcome, run};
 pub use score::{Scores, Tracking};
+pub use supertwin_gnc::control::LAWS;
 pub use trial::{ResolvedTrial, TrialConfig};
 pub use twin::Twin;

@@ -5,7 +5,7 @@ use crate::common::kept::keep;
 use crate::common::load;
 use std::collections::BTreeMap;
 use supertwin_core::source::Kept;
-use supertwin_core::{Property, RunSource};
+use supertwin_core::{Property, RunSource, signal};
 use supertwin_lab::align::{Alignment, Grid, Window};
 use supertwin_lab::metrics::{Evaluated, MetricsError, Selection, catalogue, evaluate};
 
@@ -96,14 +96,14 @@ fn every_metric_of_a_batch_run_has_a_value_and_the_sizes_make_sense() {
 #[test]
 fn an_error_as_large_as_its_doubt_is_consistent() {
     let (mut kept, _) = keep(&load("paper-pid", &["trial.duration_s=25.0"]), 1);
-    let truth = kept.signals["plant/truth/pose"].clone();
-    let pose = kept.signals["estimator/nav/pose"].clone();
-    let variance = kept.signals.get_mut("estimator/nav/variance").expect("is recorded");
+    let truth = kept.signals[signal::truth::POSE.path].clone();
+    let pose = kept.signals[signal::nav::POSE.path].clone();
+    let variance = kept.signals.get_mut(signal::nav::VARIANCE.path).expect("is recorded");
     for (row, (truth, pose)) in truth.values.chunks_exact(4).zip(pose.values.chunks_exact(2)).enumerate() {
         // A quarter of the squared error: four times too sure.
         variance.values[row * 10] = 0.25 * (pose[0] - truth[2]) * (pose[0] - truth[2]);
     }
-    let nis = kept.signals.get_mut("estimator/innovation/depth").expect("is recorded");
+    let nis = kept.signals.get_mut(signal::estimator::INNOVATION_DEPTH.path).expect("is recorded");
     nis.values.iter_mut().skip(2).step_by(3).for_each(|square| *square = 2.5);
     let values = evaluate(&kept, &own(&kept), &all()).expect("is evaluated").values;
     assert!((values["nees.depth"] - 4.0).abs() < 1e-9, "{}", values["nees.depth"]);
@@ -190,7 +190,7 @@ fn a_run_without_truth_is_compared_by_what_was_measured() {
 fn what_can_not_be_compared_says_why() {
     let (kept, _) = keep(&load("paper-pid", &["trial.duration_s=25.0"]), 1);
     let mut bad = kept.clone();
-    bad.signals.get_mut("controller/thrust/requested").expect("is recorded").values[4 * 1100 + 2] = f64::NAN;
+    bad.signals.get_mut(signal::thrust::REQUESTED.path).expect("is recorded").values[4 * 1100 + 2] = f64::NAN;
     let error = evaluate(&bad, &own(&bad), &Selection::default()).expect_err("is no number").to_string();
     assert_eq!(error, "paper-pid-seed1: controller/thrust/requested is not finite at tick 1100");
     // Outside of the window it does not matter.

@@ -3,9 +3,9 @@
 mod common;
 
 use common::{Listener, load, outcome};
-use supertwin_core::Tick;
 use supertwin_core::digest::{DigestProbe, RunDigest};
 use supertwin_core::run::Properties;
+use supertwin_core::{Tick, signal};
 use supertwin_lab::mission::Mission;
 use supertwin_lab::{Twin, run};
 
@@ -34,7 +34,7 @@ fn a_run_repeats_and_seeds_differ() {
 #[test]
 fn listening_changes_nothing() {
     let trial = load("paper-agsta", SHORT);
-    let mut listener = Listener::to("tracking/sway");
+    let mut listener = Listener::to(signal::tracking::SWAY.path);
     let heard = run(&trial, 1, &mut listener, Some(&Properties::new()), |_| true).expect("runs");
     let silent = outcome(&trial, 1);
     assert_eq!((heard.digest, heard.scores), (silent.digest, silent.scores));

@@ -1,5 +1,7 @@
 //! Whole runs: what they are scored, compared, replayed and refused by.
 
+#[cfg(feature = "another-law")]
+mod another_law;
 mod bad_input;
 mod common;
 mod compare;

@@ -8,7 +8,7 @@ use supertwin_core::digest::{DigestProbe, block_digest};
 use supertwin_core::message::{Nav, Thrust};
 use supertwin_core::run::Properties;
 use supertwin_core::source::{Kept, Label};
-use supertwin_core::{Block, Observe, Port, PortRule, Ports, RunHeader, RunSink, Tick};
+use supertwin_core::{Block, Observe, Port, PortRule, Ports, RunHeader, RunSink, Tick, signal};
 use supertwin_lab::mission::{Mission, Parts};
 use supertwin_lab::replay::{Messages, RING, Replay, ReplayError, Verification};
 use supertwin_lab::{Blocks, ResolvedTrial, Twin, run};
@@ -148,11 +148,14 @@ fn a_recording_that_begins_late_has_nothing_to_compare() {
 fn one_bit_of_a_signal_or_of_a_hash_is_found_where_it_is() {
     let kept = over_a_network(&load("paper-gsta", &[]), 400);
     let mut bit = kept.clone();
-    let columns = bit.signals.get_mut("controller/sigma").expect("is there");
+    let columns = bit.signals.get_mut(signal::controller::SIGMA.path).expect("is there");
     let at = 333 * columns.width + 2;
     columns.values[at] = f64::from_bits(columns.values[at].to_bits() ^ 1);
     let first = verify(&bit).first.expect("differs");
-    assert_eq!((first.tick, first.signal.as_str(), first.component.as_str()), (333, "controller/sigma", "heave"));
+    assert_eq!(
+        (first.tick, first.signal.as_str(), first.component.as_str()),
+        (333, signal::controller::SIGMA.path, "heave")
+    );
     let mut hash = kept;
     let words = &mut hash.words.get_mut("step/guidance").expect("is there")[222];
     let mut account: serde_json::Value = serde_json::from_str(&words.value).expect("JSON");

@@ -3,7 +3,7 @@
 use crate::common::kept::keep;
 use crate::common::load;
 use supertwin_core::source::{Columns, Label};
-use supertwin_core::{Property, Tick};
+use supertwin_core::{Property, Tick, signal};
 use supertwin_lab::{RescoreError, ResolvedTrial, Scores, rescore};
 
 /// Every field, as bits: NaN and −0 count as well.
@@ -74,7 +74,7 @@ fn a_run_that_changes_its_law_and_its_gains_is_scored_by_what_was_in_force() {
 fn a_substitute_behind_an_external_controller_is_not_taken_for_the_law() {
     let trial = load("fair", &["trial.controllers=[\"external\"]", "trial.duration_s=30.0"]);
     let (kept, outcome) = keep(&trial, 1);
-    assert_eq!(kept.labels["controller/law"][0].value, "external");
+    assert_eq!(kept.labels[signal::controller::LAW.path][0].value, "external");
     assert_eq!(bits(&rescore(&kept).expect("scores").scores), bits(&outcome.scores));
 }
 
@@ -84,8 +84,8 @@ fn what_is_missing_is_left_out_and_counted() {
     let (mut kept, outcome) = keep(&trial, 1);
     let whole = rescore(&kept).expect("scores");
     let gone = |tick: i64| (1000..1010).contains(&tick) || tick % 100 == 0;
-    let nav = without(&kept.signals["estimator/nav/pose"], gone);
-    kept.signals.insert("estimator/nav/pose".to_owned(), nav);
+    let nav = without(&kept.signals[signal::nav::POSE.path], gone);
+    kept.signals.insert(signal::nav::POSE.path.to_owned(), nav);
     let some = rescore(&kept).expect("scores");
     let from = trial.score_from_tick() as i64;
     let expected = (from..1500).filter(|tick| gone(*tick)).count() as u64;
@@ -99,7 +99,7 @@ fn what_is_missing_is_left_out_and_counted() {
 fn what_can_not_be_scored_says_why() {
     let (kept, _) = keep(&load("paper-pid", &["trial.duration_s=25.0"]), 1);
     let mut real = kept.clone();
-    real.signals.remove("plant/truth/pose");
+    real.signals.remove(signal::truth::POSE.path);
     let error = rescore(&real).expect_err("a real vehicle has no truth").to_string();
     assert_eq!(error, "paper-pid-seed1: plant/truth/pose was not recorded: scores need it");
     let mut bare = kept.clone();

@@ -4,6 +4,7 @@ use super::Description;
 use super::views::{Canvas, Legend, all, only, siblings};
 use crate::signals;
 use rerun::blueprint::{ContainerLike, Horizontal, Tabs, Vertical};
+use supertwin_core::Capability;
 use supertwin_core::axes::AXIS_NAMES;
 use supertwin_core::signal::{Component, controller, thrust, wrench_request};
 
@@ -16,13 +17,13 @@ pub(super) static DASHBOARD: Description = Description {
 
 fn views(canvas: &mut Canvas) -> ContainerLike {
     let mut kinds: Vec<ContainerLike> = Vec::new();
-    if canvas.about.has(&["gsta", "agsta"]) {
+    if canvas.about.has(Capability::SlidingVariable) {
         kinds.push(super_twisting(canvas));
     }
-    if canvas.about.has(&["pid"]) {
+    if canvas.about.has(Capability::Integral) {
         kinds.push(pid(canvas));
     }
-    if canvas.about.network && canvas.about.laws.iter().any(|law| law == "external") {
+    if canvas.about.network && canvas.about.capabilities.contains(&Capability::External) {
         kinds.push(outside(canvas));
     }
     match kinds.pop() {
@@ -35,7 +36,7 @@ fn views(canvas: &mut Canvas) -> ContainerLike {
 }
 
 fn super_twisting(canvas: &mut Canvas) -> ContainerLike {
-    let adaptive = canvas.about.has(&["agsta"]);
+    let adaptive = canvas.about.has(Capability::AdaptiveGains);
     let band = if adaptive { ", with ±α_tol" } else { "" };
     let sigma = AXIS_NAMES.iter().zip(signals::ALPHA_TOL).enumerate().map(|(index, (axis, alpha_tol))| {
         let sigma = Component { signal: &controller::SIGMA, index };
@@ -57,7 +58,7 @@ fn super_twisting(canvas: &mut Canvas) -> ContainerLike {
         third("Chattering: wrench variation", &signals::CHATTERING),
     ];
     let rows = [Horizontal::new(sigma).into(), Horizontal::new(gains).into(), Horizontal::new(wrench).into()];
-    let name = if canvas.about.has(&["pid"]) { "Adaptation: super-twisting" } else { "Adaptation" };
+    let name = if canvas.about.has(Capability::Integral) { "Adaptation: super-twisting" } else { "Adaptation" };
     Vertical::new(rows).with_row_shares([0.9, 1.2, 1.0]).with_name(name).into()
 }
 
@@ -70,7 +71,7 @@ fn pid(canvas: &mut Canvas) -> ContainerLike {
     let wrench =
         [wide("Requested wrench", &thrust::REQUESTED), wide("Chattering: wrench variation", &signals::CHATTERING)];
     let rows = [Horizontal::new(errors).into(), Horizontal::new(integral).into(), Horizontal::new(wrench).into()];
-    let name = if canvas.about.has(&["gsta", "agsta"]) { "Adaptation: PID" } else { "Adaptation" };
+    let name = if canvas.about.has(Capability::SlidingVariable) { "Adaptation: PID" } else { "Adaptation" };
     Vertical::new(rows).with_row_shares([0.9, 1.0, 1.0]).with_name(name).into()
 }
 

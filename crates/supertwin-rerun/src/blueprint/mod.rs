@@ -23,7 +23,7 @@ use rerun::external::re_log_encoding::Encoder;
 use rerun::external::re_sdk_types::blueprint::components as values;
 use rerun::log::{Chunk, LogMsg, RowId};
 use rerun::time::{TimePoint, Timeline};
-use supertwin_core::{Property, RunHeader};
+use supertwin_core::{Capability, Property, RunHeader};
 use views::Canvas;
 pub use views::{Curves, View};
 
@@ -77,8 +77,8 @@ pub struct About {
     pub span_s: Option<f64>,
     /// Where that stretch begins; before 0 when time is counted from an event in the run.
     pub from_s: f64,
-    /// Laws that come to command; when none is known, all are shown.
-    pub laws: Vec<String>,
+    /// What laws that come to command show; when none is known, everything is drawn.
+    pub capabilities: Vec<Capability>,
     /// How many thrusters there are; 0 when that is not known.
     pub thrusters: usize,
     /// The services talked over a network.
@@ -94,20 +94,19 @@ impl About {
             Some(Property::Text(text)) => text.split_whitespace().map(str::to_owned).collect(),
             _ => Vec::new(),
         };
-        let laws = [words("laws"), words("law")].concat();
+        let capabilities = words("capabilities").iter().filter_map(|name| Capability::named(name)).collect();
         let network =
             words("placement").first().is_some_and(|placement| !["batch", "replay"].contains(&placement.as_str()));
         let span_s = match properties.get("duration_s") {
             Some(Property::Number(span_s)) => Some(*span_s),
             _ => None,
         };
-        Self { span_s, from_s: 0.0, laws, thrusters: header.scene.thrusters.len(), network }
+        Self { span_s, from_s: 0.0, capabilities, thrusters: header.scene.thrusters.len(), network }
     }
 
-    /// Whether a law of this kind can have been in command.
-    fn has(&self, kind: &[&str]) -> bool {
-        let known: Vec<&str> = self.laws.iter().map(String::as_str).filter(|law| *law != "external").collect();
-        known.is_empty() || known.iter().any(|law| kind.contains(law))
+    /// Whether a law with this can have been in command. Who steers from outside says nothing of the vehicle's own law.
+    fn has(&self, capability: Capability) -> bool {
+        self.capabilities.iter().all(|known| *known == Capability::External) || self.capabilities.contains(&capability)
     }
 }
 
@@ -241,11 +240,11 @@ mod tests {
     fn what_is_known_of_a_run_comes_from_how_it_begins() {
         let mut header = RunHeader::default();
         assert_eq!(About::run(&header), About::default());
-        header.properties.insert("laws".to_owned(), "agsta pid".into());
+        header.properties.insert("capabilities".to_owned(), "adaptive_gains integral".into());
         header.properties.insert("placement".to_owned(), "batch".into());
         header.properties.insert("duration_s".to_owned(), 30.0.into());
-        let laws = vec!["agsta".to_owned(), "pid".to_owned()];
-        assert_eq!(About::run(&header), About { span_s: Some(30.0), laws, ..About::default() });
+        let capabilities = vec![Capability::AdaptiveGains, Capability::Integral];
+        assert_eq!(About::run(&header), About { span_s: Some(30.0), capabilities, ..About::default() });
         header.properties.insert("placement".to_owned(), "up".into());
         assert!(About::run(&header).network);
     }

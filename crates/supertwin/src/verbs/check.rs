@@ -88,6 +88,9 @@ fn flatten(path: &str, value: &Value, rows: &mut Vec<(String, String)>) {
             array.iter().enumerate().for_each(|(i, value)| flatten(&join(&i.to_string()), value, rows));
         }
         Value::String(text) => rows.push((path.to_owned(), text.trim().replace('\n', " "))),
-        other => rows.push((path.to_owned(), format!("{other} {}", unit::of_place(path).unwrap_or_default()).trim_end().to_owned())),
+        other => rows.push((
+            path.to_owned(),
+            format!("{other} {}", unit::of_place(path).unwrap_or_default()).trim_end().to_owned(),
+        )),
     }
 }

@@ -3,9 +3,12 @@
 use crate::arguments::positive;
 use crate::terminal;
 use clap::Args;
+use clap::builder::PossibleValuesParser;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use supertwin_core::Capability;
+use supertwin_lab::LAWS;
 use supertwin_operations::OperationError;
 use supertwin_operations::save;
 use supertwin_rerun::blueprint::{self, About, DASHBOARDS, Dashboard, Description};
@@ -39,8 +42,8 @@ pub(crate) struct DashboardArguments {
     #[arg(long, value_name = "S", value_parser = positive)]
     span: Option<f64>,
 
-    /// For runs with this law: gsta, agsta, pid; may be repeated [default: all]
-    #[arg(long, value_name = "LAW", value_parser = ["gsta", "agsta", "pid"])]
+    /// For runs with this law; may be repeated [default: all]
+    #[arg(long, value_name = "LAW", value_parser = PossibleValuesParser::new(own_laws().map(|(name, _)| name)))]
     law: Vec<String>,
 
     /// Replace files that exist
@@ -63,9 +66,16 @@ struct Listed {
     file: Option<PathBuf>,
 }
 
+/// Laws of the vehicle's own, with what they show.
+fn own_laws() -> impl Iterator<Item = (&'static str, &'static [Capability])> {
+    LAWS.iter().copied().filter(|(_, capabilities)| !capabilities.contains(&Capability::External))
+}
+
 /// Lists dashboards, or writes their files.
 pub(crate) fn dashboard(arguments: &DashboardArguments) -> Result<ExitCode, OperationError> {
-    let about = About { span_s: arguments.span, laws: arguments.law.clone(), network: true, ..About::default() };
+    let wanted = own_laws().filter(|(name, _)| arguments.law.iter().any(|law| law == name));
+    let capabilities = wanted.flat_map(|(_, capabilities)| capabilities).copied().collect();
+    let about = About { span_s: arguments.span, capabilities, network: true, ..About::default() };
     let mut listed = Vec::new();
     for described in chosen(&arguments.names)? {
         let dashboard = described.dashboard(&about);
