@@ -282,6 +282,39 @@ fn every_test_can_fail() {
 }
 
 #[test]
+fn nobody_reads_a_sentence() {
+    // An event is data; its sentence is made in one place and is for people. Old recordings have nothing but sentences.
+    const MAKES: &str = "supertwin-core/src/event.rs";
+    const READS_OLD_ONES: &str = "supertwin-rerun/src/event.rs";
+    const READING: [&str; 7] =
+        ["starts_with(", "ends_with(", "contains(", "find(", "split_once(", "strip_prefix(", "strip_suffix("];
+    let code = |path: &Path| fs::read_to_string(path).unwrap().split("#[cfg(test)]").next().unwrap().to_owned();
+    let event = code(&root().join("crates").join(MAKES));
+    let (_, display) = event.split_once("impl fmt::Display for EventKind").unwrap();
+    let beginnings = display.split('"').skip(1).step_by(2).map(|text| text.split('{').next().unwrap());
+    let sentences: Vec<&str> = beginnings.filter(|text| text.len() >= 12).collect();
+    assert!(sentences.contains(&"command applied: ") && sentences.len() > 12, "{sentences:?}");
+    let mut read = 0;
+    for path in sources(&root().join("crates")) {
+        let place = path.display().to_string();
+        if !place.contains("/src/") || place.ends_with(MAKES) || place.ends_with(READS_OLD_ONES) {
+            continue;
+        }
+        let code: String = code(&path).lines().flat_map(|line| line.split("//").next()).map(str::trim).collect();
+        for sentence in &sentences {
+            assert!(!code.contains(&format!("\"{sentence}")), "{place}: {sentence:?}: only {MAKES} has sentences");
+        }
+        for reading in READING {
+            for made in ["what.to_string()", "event.text()", "event[\"text\"]", "data[\"text\"]"] {
+                assert!(!code.contains(&format!("{made}.{reading}")), "{place}: {made}.{reading} reads a sentence");
+            }
+        }
+        read += 1;
+    }
+    assert!(read > 150, "only {read} files were read");
+}
+
+#[test]
 fn the_top_level_holds_what_a_reader_expects_and_nothing_else() {
     const EXPECTED: [&str; 19] = [
         "Cargo.toml",

@@ -419,7 +419,7 @@ fn two_vehicles_on_one_router_do_not_hear_each_other_and_a_fleet_client_sees_bot
     client.acquire(20.0).expect("is granted");
     client.command("guidance", "depth_m", json!(5.0), None).expect("is scheduled");
     fleet.until("both vehicles' health, twice", |key, value| {
-        if key.contains("event") && value["data"]["text"].as_str().is_some_and(|text| text.contains("by fleet")) {
+        if key.contains("event") && value["data"]["what"]["command"]["by"]["client"] == "fleet" {
             deep.push(key.to_owned());
         }
         if key.contains("health") && value["tick"].as_u64() > Some(100) {
@@ -499,8 +499,8 @@ fn a_thin_tether_thins_telemetry_and_nothing_else() {
     pilot.acquire(10.0).expect("is granted");
     let tick = pilot.command("guidance", "depth_m", json!(4.5), None).expect("is scheduled");
     let (event, _) = topside.until("the command's event", |key, value| {
-        let text = value["data"]["text"].as_str().unwrap_or_default();
-        key == "event/guidance" && text.contains("command applied") && text.contains("pilot")
+        let what = &value["data"]["what"];
+        key == "event/guidance" && what["kind"] == "command_applied" && what["command"]["by"]["client"] == "pilot"
     });
     assert_eq!(event["tick"].as_u64(), Some(tick), "at the tick that was promised");
 }

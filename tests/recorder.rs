@@ -395,7 +395,7 @@ fn a_recorder_that_is_killed_loses_at_most_the_last_second() {
             let numbers = numbers_of(&recording, "plant");
             let gaps: Vec<_> = numbers.windows(2).filter(|pair| pair[1] != pair[0] + 1).collect();
             // Where history ends and listening begins a message may be missing on a busy machine; then it is said.
-            let told = recording.events.iter().any(|event| event.text.contains("messages of telemetry/plant"));
+            let told = recording.events.iter().any(|event| event.text().contains("messages of telemetry/plant"));
             assert!(!recording.complete && (gaps.is_empty() || told), "{gaps:?}: {:?}", recording.events);
             let (path, whole) = (recording_in(&folder), folder.join("whole.rrd"));
             let words = ["repair", &path.display().to_string(), "--out", &whole.display().to_string(), "--json"];
@@ -433,18 +433,18 @@ fn a_recorder_that_was_cut_off_fetches_what_the_services_kept_and_names_the_rest
     for (service, signal) in SERVICES.iter().zip(shown) {
         // By the numbers of its messages; a service on a busy machine may leave a tick out.
         let missing = &recording.properties["result"][&format!("missing.{service}")];
-        let gaps: Vec<_> = recording.events.iter().filter(|event| event.text.contains("telemetry")).collect();
+        let gaps: Vec<_> = recording.events.iter().filter(|event| event.text().contains("telemetry")).collect();
         assert_eq!(*missing, Property::Integer(0), "telemetry of {service} of the outage is there: {gaps:?}");
         let ticks = &recording.signals[signal].tick;
         let gap = ticks.windows(2).map(|pair| pair[1] - pair[0]).max().unwrap_or_default();
         assert!(gap < 25 && ticks.len() > 500, "{signal}: {} ticks, the largest gap is {gap}", ticks.len());
     }
     let text = |service: &str, words: &str| {
-        recording.events.iter().filter(|event| event.service == service && event.text.contains(words)).count()
+        recording.events.iter().filter(|event| event.service == service && event.text().contains(words)).count()
     };
     let applied = text("guidance", "command applied: {\"depth_m\":{\"constant\":4.5}}");
     assert_eq!(applied, 1, "events of the outage are there: {:?}", recording.events);
-    assert!(recording.events.iter().any(|event| event.tick == tick && event.text.contains("4.5")));
+    assert!(recording.events.iter().any(|event| event.tick == tick && event.text().contains("4.5")));
     // Nobody keeps the exact messages of the wires; that they are missing is said, wire by wire.
     for wire in ["plant/measurements", "estimator/nav", "guidance/reference", "controller/thrust"] {
         let messages = &recording.wires[wire];
@@ -524,7 +524,7 @@ fn a_full_disk_is_an_alarm_and_what_was_written_stays_readable() {
     let recorder = vehicle.place.start_shell(&line);
     until_recording(&recorder);
     let (alarm, _) = listener.until("the alarm", |key, value| {
-        key == "event/recorder" && value["data"]["text"].as_str().is_some_and(|text| text.contains("NOT RECORDING"))
+        key == "event/recorder" && value["data"]["what"]["kind"] == "recording_failed"
     });
     assert_eq!(alarm["data"]["severity"], "error");
     // It tries again by itself, in another part.

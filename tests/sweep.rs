@@ -192,7 +192,7 @@ fn a_run_that_ends_in_nan_is_a_row() {
     assert_eq!(kept[2].as_deref(), Some("recordings/paper-pid-grid1-seed1.rrd"));
     assert_eq!(fs::read_dir(place.path().join("here/recordings")).unwrap().count(), 2);
     let recording = read(&place.path().join("here").join(kept[2].as_ref().unwrap())).unwrap();
-    assert!(recording.events.iter().any(|event| event.text.contains("is NaN or infinite")));
+    assert!(recording.events.iter().any(|event| event.text().contains("is NaN or infinite")));
 }
 
 #[test]

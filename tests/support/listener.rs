@@ -100,6 +100,8 @@ pub struct Events {
     pub numbers: BTreeMap<String, Vec<u64>>,
     /// What they say, as `service: text`.
     pub texts: Vec<String>,
+    /// The controller's states, one after the other.
+    states: Vec<String>,
 }
 
 impl Events {
@@ -109,15 +111,18 @@ impl Events {
         let source = value["source"].as_str().expect("a source");
         self.numbers.entry(source.to_owned()).or_default().push(value["seq"].as_u64().expect("a number"));
         self.texts.push(format!("{service}: {}", value["data"]["text"].as_str().expect("a text")));
+        let what = &value["data"]["what"];
+        if service == "controller" && what["kind"] == "state_changed" {
+            self.states.extend(what["to"].as_str().map(str::to_owned));
+        }
         self.texts.last().map(String::as_str)
     }
 
     /// How often the controller was no longer tracking, and then was again. With guidance alone silent it falls back; with
     /// the estimator silent as well its navigation is stale, at once or after a tick of falling back.
     pub fn outages(&self) -> usize {
-        let states = self.texts.iter().filter_map(|text| text.strip_prefix("controller: "));
-        let known = states.filter(|state| ["tracking", "fallback", "nav_stale"].contains(state));
-        let tracking: Vec<bool> = known.map(|state| *state == *"tracking").skip_while(|tracking| !tracking).collect();
+        let known = self.states.iter().filter(|state| ["tracking", "fallback", "nav_stale"].contains(&state.as_str()));
+        let tracking: Vec<bool> = known.map(|state| state == "tracking").skip_while(|tracking| !tracking).collect();
         tracking.windows(2).filter(|pair| !pair[0] && pair[1]).count()
     }
 

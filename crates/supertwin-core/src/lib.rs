@@ -6,6 +6,7 @@
 //! * [`Wired`], [`Wires`] and [`Ports`]: which wires end at a block, and what arrives over them.
 //! * [`Observe`], [`Probe`], [`Signal`]: a quantity shows itself once, and every listener hears it.
 //! * [`signal`]: every signal by its handle.
+//! * [`Event`]: what happened, as data for programs and as a sentence for people.
 //! * [`RunSink`] and [`RunSource`]: where a run is written to and read from, without naming a file format.
 //!
 //! Conventions: SI units, radians, seconds; frame {n} is North-East-Down, frame {b} is forward-starboard-down.
@@ -16,6 +17,7 @@ pub mod capability;
 pub mod check;
 pub mod command;
 pub mod digest;
+pub mod event;
 pub mod frame;
 mod handle;
 pub mod input;
@@ -36,6 +38,7 @@ pub mod unit;
 pub use axes::{Axes, BodyAcceleration, BodyVelocity, Wrench};
 pub use block::{Block, Refusal};
 pub use capability::Capability;
+pub use event::{Event, EventKind, Severity};
 pub use handle::Signal;
 pub use input::{Input, OperatorLink, Prev};
 pub use message::Message;
@@ -43,6 +46,6 @@ pub use notice::{Notice, Notices, Watch};
 pub use observe::{Observe, Probe};
 pub use parameter::ParameterChange;
 pub use port::{Port, PortRule, Ports, Wired, Wires};
-pub use run::{Event, NoSink, Property, RunHeader, RunSink, SinkError};
+pub use run::{NoSink, Property, RunHeader, RunSink, SinkError};
 pub use source::RunSource;
 pub use tick::Tick;

@@ -1,6 +1,6 @@
-//! What a block is doing, in words: a change of one of these is an event.
+//! What a block is doing, as named states: a change of one of these is an event.
 
-use crate::run::Severity;
+use crate::event::{EventKind, Severity};
 use crate::{Block, Event, Tick};
 use arrayvec::ArrayVec;
 use std::borrow::Cow;
@@ -13,27 +13,31 @@ pub const MAX_NOTICES: usize = 8;
 pub struct Notice {
     /// How grave it is to come into this state.
     pub severity: Severity,
-    /// The state in words.
-    pub text: &'static str,
+    /// What it is: `mode`, `reason`, `status`, or something that the block needs, such as `net`.
+    pub what: &'static str,
+    /// Its state.
+    pub state: &'static str,
+    /// What the block does about it; empty if nothing.
+    pub consequence: &'static str,
 }
 
 impl Notice {
     /// As planned.
     #[must_use]
-    pub const fn info(text: &'static str) -> Self {
-        Self { severity: Severity::Info, text }
-    }
-
-    /// Not as it should be.
-    #[must_use]
-    pub const fn warning(text: &'static str) -> Self {
-        Self { severity: Severity::Warning, text }
+    pub const fn info(what: &'static str, state: &'static str) -> Self {
+        Self { severity: Severity::Info, what, state, consequence: "" }
     }
 
     /// A warning when `bad`, else as planned.
     #[must_use]
-    pub const fn either(bad: bool, lost: &'static str, found: &'static str) -> Self {
-        if bad { Self::warning(lost) } else { Self::info(found) }
+    pub const fn either(bad: bool, what: &'static str, lost: &'static str, found: &'static str) -> Self {
+        if bad { Self { severity: Severity::Warning, ..Self::info(what, lost) } } else { Self::info(what, found) }
+    }
+
+    /// With what the block does about it, if it is a warning.
+    #[must_use]
+    pub const fn with_consequence(self, consequence: &'static str) -> Self {
+        if matches!(self.severity, Severity::Info) { self } else { Self { consequence, ..self } }
     }
 }
 
@@ -60,12 +64,18 @@ impl Watch {
             return;
         }
         for (i, notice) in now.iter().enumerate() {
-            if self.last.get(i) != Some(notice) {
+            let before = self.last.get(i);
+            if before != Some(notice) {
                 event(Event {
                     tick: tick.k,
                     service: Cow::Borrowed(B::NAME),
                     severity: notice.severity,
-                    text: Cow::Borrowed(notice.text),
+                    what: EventKind::StateChanged {
+                        what: Cow::Borrowed(notice.what),
+                        from: Cow::Borrowed(before.map_or("", |before| before.state)),
+                        to: Cow::Borrowed(notice.state),
+                        consequence: Cow::Borrowed(notice.consequence),
+                    },
                 });
             }
         }

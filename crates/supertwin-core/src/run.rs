@@ -1,9 +1,8 @@
 //! Where a run is written to: the trait between whoever produces a run and whoever keeps it.
 
-use crate::{Probe, Tick};
+use crate::{Event, Probe, Tick};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 /// One property of a run, such as its seed or a score.
@@ -102,32 +101,6 @@ pub struct NisGates {
     pub heading: Option<f64>,
     /// Gyro.
     pub yaw_rate: Option<f64>,
-}
-
-/// Something that happened at a tick and must not be lost.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct Event {
-    /// When.
-    pub tick: u64,
-    /// Which service says so.
-    pub service: Cow<'static, str>,
-    /// How grave.
-    pub severity: Severity,
-    /// What.
-    pub text: Cow<'static, str>,
-}
-
-/// How grave an event is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "snake_case")]
-pub enum Severity {
-    /// As planned.
-    Info,
-    /// Something is not as it should be, and the twin copes.
-    Warning,
-    /// Something was refused or lost.
-    Error,
 }
 
 /// A run could not be written.

@@ -315,12 +315,12 @@ impl Block for Estimator {
         let unseen = NavHealth { dead_reckoning: true, depth_lost: true, heading_lost: true, ..NavHealth::default() };
         let health = out.map_or(unseen, |nav| nav.health);
         Notices::from_iter([
-            Notice::either(!out.is_some_and(|nav| nav.net.valid), "net lost", "net found"),
-            Notice::either(health.dead_reckoning, "velocity lost: dead reckoning", "velocity found"),
-            Notice::either(health.depth_lost, "depth lost", "depth found"),
-            Notice::either(health.heading_lost, "heading lost", "heading found"),
-            Notice::either(health.thrust_unknown, "thrust unknown", "thrust known"),
-            Notice::either(health.restarted, "filter restarted", "filter running"),
+            Notice::either(!out.is_some_and(|nav| nav.net.valid), "net", "lost", "found"),
+            Notice::either(health.dead_reckoning, "velocity", "lost", "found").with_consequence("dead reckoning"),
+            Notice::either(health.depth_lost, "depth", "lost", "found"),
+            Notice::either(health.heading_lost, "heading", "lost", "found"),
+            Notice::either(health.thrust_unknown, "thrust", "unknown", "known"),
+            Notice::either(health.restarted, "filter", "restarted", "running"),
         ])
     }
 

@@ -382,9 +382,9 @@ impl Block for Guidance {
     }
 
     fn notices(&self, out: Option<&Reference>) -> Notices {
-        let mode = Notice::info(out.map_or("", |reference| reference.mode.name()));
+        let mode = Notice::info("mode", out.map_or("", |reference| reference.mode.name()));
         let usual = matches!(self.reason, Reason::Commanded | Reason::WaitingForNav);
-        Notices::from_iter([mode, Notice::either(!usual, self.reason.name(), self.reason.name())])
+        Notices::from_iter([mode, Notice::either(!usual, "reason", self.reason.name(), self.reason.name())])
     }
 
     fn parameters(&self) -> serde_json::Value {

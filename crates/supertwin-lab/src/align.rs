@@ -3,10 +3,10 @@
 use serde::Serialize;
 use std::fmt;
 use std::str::FromStr;
-use supertwin_core::RunSource;
 use supertwin_core::message::Mode;
 use supertwin_core::signal::Component;
 use supertwin_core::signal::reference::{MODE, SETPOINT};
+use supertwin_core::{Event, EventKind, RunSource};
 
 /// Its sign is the direction of travel.
 const SPEED: Component = SETPOINT.at("speed");
@@ -84,18 +84,16 @@ impl Alignment {
             Self::Fault => {
                 let commanded = source.commands().get("plant").and_then(|commands| commands.first());
                 // A batch run has its commands among the events.
-                let of_mission = source.events().iter().find(|event| {
-                    ["{\"plant\":", "{\"link\":"]
-                        .iter()
-                        .any(|to| event.text.starts_with(&format!("command applied: {to}")))
-                });
+                let of_mission = source
+                    .events()
+                    .iter()
+                    .find(|event| matches!(&event.what, EventKind::CommandApplied { command } if command.is_fault()));
                 let ticks = commanded.map(|command| command.tick).into_iter();
                 let ticks = ticks.chain(of_mission.map(|event| event.tick as i64));
                 ticks.min().ok_or_else(|| "no fault is injected in it".to_owned())
             }
             Self::Event(pattern) => {
-                let fits =
-                    |event: &&supertwin_core::Event| contains(&format!("{}: {}", event.service, event.text), pattern);
+                let fits = |event: &&Event| contains(&format!("{}: {}", event.service, event.what), pattern);
                 let event = source.events().iter().find(fits);
                 event.map(|event| event.tick as i64).ok_or_else(|| format!("none of its events contains {pattern:?}"))
             }

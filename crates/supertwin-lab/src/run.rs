@@ -10,8 +10,9 @@ use std::collections::BTreeSet;
 use supertwin_core::check::{Finite, Positive};
 use supertwin_core::command::Command;
 use supertwin_core::digest::{DigestProbe, RunDigest};
-use supertwin_core::run::{FORMAT, Limits, NisGates, Properties, Property, Scene, Severity, ThrusterPlace};
-use supertwin_core::{Capability, Event, Observe, RunHeader, RunSink, SinkError, Tick};
+use supertwin_core::event::EventCommand;
+use supertwin_core::run::{FORMAT, Limits, NisGates, Properties, Property, Scene, ThrusterPlace};
+use supertwin_core::{Capability, Event, EventKind, Observe, RunHeader, RunSink, Severity, SinkError, Tick};
 use supertwin_gnc::control::Law;
 use supertwin_gnc::estimator::SensorTrust;
 use supertwin_model::{SonarArray, ThrusterConfig};
@@ -122,8 +123,8 @@ pub(crate) fn play<S: RunSink>(
             if recording {
                 // The recording ends with the tick that went wrong and says what did.
                 twin.observe(sink);
-                let text = Cow::Owned(error.to_string());
-                sink.event(&Event { tick: k, service: Cow::Borrowed("run"), severity: Severity::Error, text })?;
+                let what = EventKind::NotFinite { at_tick: error.k, signal: error.path.into(), so_far: None };
+                sink.event(&Event { tick: k, service: Cow::Borrowed("run"), severity: Severity::Error, what })?;
                 let failed = Properties::from([
                     ("complete".to_owned(), 0u64.into()),
                     ("error".to_owned(), error.to_string().into()),
@@ -150,14 +151,13 @@ pub(crate) fn play<S: RunSink>(
     if ticks == last {
         for (at, command) in mission.rest() {
             warnings += 1;
-            let text = format!("never applied, {} s is after the end: {}", *at as f64 * dt_s, said(command));
-            let event = Event {
+            let command = EventCommand::of_mission(command);
+            sink.event(&Event {
                 tick: ticks.saturating_sub(1),
                 service: Cow::Borrowed("mission"),
                 severity: Severity::Warning,
-                text: Cow::Owned(text),
-            };
-            sink.event(&event)?;
+                what: EventKind::CommandNeverApplied { command, at_s: *at as f64 * dt_s },
+            })?;
         }
     }
     let outcome = RunOutcome {
@@ -175,17 +175,15 @@ pub(crate) fn play<S: RunSink>(
 }
 
 fn command_event(k: u64, command: &Command, refusal: Option<&supertwin_core::Refusal>) -> Event {
-    let said = said(command);
-    let (severity, text) = match refusal {
-        None => (Severity::Info, format!("command applied: {said}")),
-        Some(refusal) => (Severity::Error, format!("command refused: {said}: {refusal}")),
+    let command = EventCommand::of_mission(command);
+    let (severity, what) = match refusal {
+        None => (Severity::Info, EventKind::CommandApplied { command }),
+        Some(refusal) => {
+            let reason = refusal.to_string();
+            (Severity::Error, EventKind::CommandRefused { command, session: None, reason, so_far: None })
+        }
     };
-    Event { tick: k, service: Cow::Borrowed("mission"), severity, text: Cow::Owned(text) }
-}
-
-/// A command as it stands on a wire.
-fn said(command: &Command) -> String {
-    serde_json::to_string(command).unwrap_or_else(|error| error.to_string())
+    Event { tick: k, service: Cow::Borrowed("mission"), severity, what }
 }
 
 /// Name of a run: trial, controller, seed.

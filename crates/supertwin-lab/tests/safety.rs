@@ -1,8 +1,8 @@
 //! Stale inputs, cut wires, silent sensors, hand-overs: the vehicle stays bounded and goes on by itself (T13).
 
 use crate::common::{Listener, load, outcome};
-use supertwin_core::run::{Properties, Severity};
-use supertwin_core::signal;
+use supertwin_core::run::Properties;
+use supertwin_core::{Event, Severity, signal};
 use supertwin_lab::{ResolvedTrial, run};
 
 fn heard(trial: &ResolvedTrial, path: &'static str) -> Listener {
@@ -35,11 +35,11 @@ fn a_cut_reference_makes_the_vehicle_brake_and_hold_and_it_resumes_by_itself() {
     for row in between(&depth, 40.0, 52.0) {
         assert!((row[2] - 4.0).abs() < 0.4, "depth {} during the cut", row[2]);
     }
-    let texts: Vec<&str> = depth.events.iter().map(|event| &*event.text).collect();
-    let fallback = depth.events.iter().find(|event| event.text == "fallback").expect("an event says so");
+    let texts: Vec<String> = depth.events.iter().map(Event::text).collect();
+    let fallback = depth.events.iter().find(|event| event.text() == "fallback").expect("an event says so");
     assert_eq!((fallback.service.as_ref(), fallback.severity), ("controller", Severity::Warning));
     assert!((fallback.tick as f64 * 0.02 - 40.5).abs() < 0.1, "after its half second: tick {}", fallback.tick);
-    assert!(texts.iter().filter(|text| **text == "tracking").count() >= 2, "and again when it is over: {texts:?}");
+    assert!(texts.iter().filter(|text| *text == "tracking").count() >= 2, "and again when it is over: {texts:?}");
 }
 
 #[test]
@@ -150,7 +150,7 @@ fn without_an_operator_guidance_holds_and_goes_on_when_there_is_one() {
     let velocity = heard(&trial, signal::reference::VELOCITY.path);
     assert!(between(&velocity, 44.0, 50.0).iter().all(|row| row[1].abs() < 0.01), "held");
     assert!(between(&velocity, 55.0, 60.0).iter().all(|row| row[1] > 0.1), "and travels again");
-    assert!(velocity.events.iter().any(|event| event.text == "operator_lost"));
+    assert!(velocity.events.iter().any(|event| event.text() == "operator_lost"));
 }
 
 #[test]
@@ -186,7 +186,7 @@ fn a_run_that_breaks_says_what_broke_in_its_recording() {
     let mut listener = Listener::to(signal::tracking::DEPTH.path);
     let error = run(&trial, 1, &mut listener, Some(&Properties::new()), |_| true).expect_err("NaN");
     let last = listener.events.last().expect("an event");
-    assert_eq!((last.severity, last.text.as_ref()), (Severity::Error, error.to_string().as_str()));
+    assert_eq!((last.severity, last.text()), (Severity::Error, error.to_string()));
     assert_eq!(listener.results.expect("finished")["complete"], 0u64.into());
 }
 
@@ -195,6 +195,6 @@ fn a_command_after_the_end_is_named_as_never_applied() {
     let trial = load("paper-pid", &["trial.duration_s=30.0"]);
     let listener = heard(&trial, signal::tracking::DEPTH.path);
     let last = listener.events.last().expect("an event");
-    assert!(last.text.contains("never applied, 71 s is after the end"), "{last:?}");
+    assert!(last.text().contains("never applied, 71 s is after the end"), "{last:?}");
     assert_eq!(listener.results.expect("finished")["warnings"], 1u64.into());
 }

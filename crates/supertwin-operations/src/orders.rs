@@ -2,14 +2,16 @@
 
 use crate::network::{NetworkClient, SERVICES};
 use crate::{OperationError, Progress};
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
-use supertwin_protocol::keys;
+use supertwin_core::event::CommandSource;
+use supertwin_core::{Event, EventKind};
 use supertwin_protocol::lease::LeaseAction;
 use supertwin_protocol::payload::Now;
+use supertwin_protocol::{decode, keys};
 use supertwin_zenoh::{Client, ClientError, Presence, diagnose};
 
 /// How long the authority is asked for; it is given back as soon as everything has been said.
@@ -238,19 +240,6 @@ fn one(client: &mut Client, order: &Order, at_tick: Option<u64>) -> Result<Outco
     })
 }
 
-/// An event, as far as acknowledgements need it.
-#[derive(Debug, Deserialize)]
-struct Said {
-    data: SaidEvent,
-}
-
-#[derive(Debug, Deserialize)]
-struct SaidEvent {
-    tick: u64,
-    service: String,
-    text: String,
-}
-
 /// Until every scheduled command has applied, or been refused at its tick, or the time is over.
 fn wait(
     network: &NetworkClient,
@@ -268,15 +257,15 @@ fn wait(
         while open(outcomes)
             && let Some(heard) = network.inbox.next(Some(slice))
         {
-            if let Ok(said) = serde_json::from_slice::<Said>(&heard.payload) {
-                acknowledge(&said.data, client.name(), outcomes);
+            if let Ok(event) = decode::<Event>(&heard.payload) {
+                acknowledge(&event.data, client.name(), outcomes);
             }
         }
         for outcome in outcomes.iter_mut().filter(|outcome| outcome.status == "scheduled") {
             if network.stop.interrupted() {
                 break;
             }
-            let by = format!("{} seq {}", client.name(), outcome.seq);
+            let by = CommandSource { client: client.name().to_owned(), seq: Some(outcome.seq) }.to_string();
             let key = client.key(&keys::state(outcome.service, &outcome.state));
             for (_, state) in diagnose::ask_all(&network.session, &key)? {
                 if state["by"] == by.as_str() {
@@ -291,18 +280,23 @@ fn wait(
 }
 
 /// Takes over what an event says about our commands.
-fn acknowledge(event: &SaidEvent, client: &str, outcomes: &mut [Outcome]) {
+fn acknowledge(event: &Event, client: &str, outcomes: &mut [Outcome]) {
+    let (command, refusal) = match &event.what {
+        EventKind::CommandApplied { command } => (command, None),
+        // With a count it was refused at once, which its answer has said.
+        EventKind::CommandRefused { command, reason, so_far: None, .. } => (command, Some(reason)),
+        _ => return,
+    };
+    let Some(by) = command.by.as_ref().filter(|by| by.client == client) else { return };
     for outcome in outcomes.iter_mut().filter(|outcome| outcome.status == "scheduled") {
-        let by = format!(" by {client} seq {}", outcome.seq);
-        if event.service != outcome.service {
+        if command.service != outcome.service || by.seq != Some(outcome.seq) {
             continue;
         }
-        if event.text.starts_with("command applied: ") && event.text.ends_with(&by) {
-            (outcome.status, outcome.applied_tick) = ("applied", Some(event.tick));
-        } else if let Some((_, reason)) = event.text.split_once(&format!("{by}: "))
-            && event.text.starts_with("command refused: ")
-        {
-            (outcome.status, outcome.reason) = ("refused", Some(format!("at tick {}: {reason}", event.tick)));
+        match refusal {
+            None => (outcome.status, outcome.applied_tick) = ("applied", Some(event.tick)),
+            Some(reason) => {
+                (outcome.status, outcome.reason) = ("refused", Some(format!("at tick {}: {reason}", event.tick)));
+            }
         }
     }
 }
@@ -371,6 +365,8 @@ fn everything(network: &NetworkClient, client: &mut Client, vehicle: &str) -> Re
 #[cfg(test)]
 mod tests {
     use super::*;
+    use supertwin_core::Severity;
+    use supertwin_core::event::EventCommand;
 
     #[test]
     fn names_become_services_and_values_become_json() {
@@ -409,11 +405,23 @@ mod tests {
             seq,
             state: "depth_m".to_owned(),
         };
-        let event = |text: &str| SaidEvent { tick: 12, service: "guidance".to_owned(), text: text.to_owned() };
+        let command = |client: &str, seq| {
+            let by = Some(CommandSource { client: client.to_owned(), seq: Some(seq) });
+            EventCommand::new("guidance", json!({ "depth_m": 5 }), by)
+        };
+        let applied = |client, seq| EventKind::CommandApplied { command: command(client, seq) };
+        let refused = |seq, so_far| EventKind::CommandRefused {
+            command: command("cli-a", seq),
+            session: None,
+            reason: "too deep".to_owned(),
+            so_far,
+        };
+        let event = |what| Event { tick: 12, service: "guidance".into(), severity: Severity::Info, what };
         let mut outcomes = [outcome(1), outcome(11), outcome(2)];
-        acknowledge(&event(r#"command applied: {"depth_m":5} by cli-a seq 11"#), "cli-a", &mut outcomes);
-        acknowledge(&event(r#"command applied: {"depth_m":5} by cli-b seq 1"#), "cli-a", &mut outcomes);
-        acknowledge(&event(r#"command refused: {"depth_m":5} by cli-a seq 2: too deep"#), "cli-a", &mut outcomes);
+        acknowledge(&event(applied("cli-a", 11)), "cli-a", &mut outcomes);
+        acknowledge(&event(applied("cli-b", 1)), "cli-a", &mut outcomes);
+        acknowledge(&event(refused(1, Some(7))), "cli-a", &mut outcomes);
+        acknowledge(&event(refused(2, None)), "cli-a", &mut outcomes);
         assert_eq!(outcomes.each_ref().map(|outcome| outcome.status), ["scheduled", "applied", "refused"]);
         assert_eq!(outcomes[1].applied_tick, Some(12));
         assert_eq!(outcomes[2].reason.as_deref(), Some("at tick 12: too deep"));

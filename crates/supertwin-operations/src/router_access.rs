@@ -3,8 +3,7 @@
 use crate::OperationError;
 use serde_json::{Value, json};
 use std::sync::Arc;
-use supertwin_core::Tick;
-use supertwin_core::run::Severity;
+use supertwin_core::{Severity, Tick};
 use supertwin_protocol::{Clock, keys};
 use supertwin_zenoh::doorman::Doorman;
 use supertwin_zenoh::{Link, LinkError, Session, Voice, access_control, session, unique};
@@ -82,11 +81,11 @@ impl RouterAccess {
         let open = |root: &String| Voice::unseen(session, root, "router", &unique(), Arc::clone(clock));
         let mut voice = root.as_ref().map(open).transpose()?;
         Ok(Some(Doorman::new(Arc::clone(clock), move |knock, times| {
-            let (text, refusal) = (knock.text(times), knock.is_refusal());
-            tell(&text, refusal);
+            let (what, refusal) = (knock.event(times), knock.is_refusal());
+            tell(&what.to_string(), refusal);
             if let Some(voice) = &mut voice {
                 let severity = if refusal { Severity::Warning } else { Severity::Info };
-                voice.event("", Tick { k: 0, dt_s: 0.0 }, severity, text);
+                voice.event("", Tick { k: 0, dt_s: 0.0 }, severity, what);
             }
         })))
     }

@@ -378,7 +378,8 @@ impl Block for Plant {
     }
 
     fn notices(&self, _: Option<&Measurements>) -> Notices {
-        Notices::from_iter([Notice::either(self.thrust_lost, "thrust lost: thrusters neutral", "thrust found")])
+        let thrust = Notice::either(self.thrust_lost, "thrust", "lost", "found");
+        Notices::from_iter([thrust.with_consequence("thrusters neutral")])
     }
 
     fn command(&mut self, tick: Tick, command: &PlantCommand) -> Result<(), Refusal> {

@@ -137,7 +137,8 @@ impl Block for Shadow {
     fn notices(&self, out: Option<&ShadowMeasurements>) -> Notices {
         let mut notices = self.plant.notices(out.map(|out| &out.0));
         // Room for eight, and the plant has one.
-        let _ = notices.try_push(Notice::either(self.left_out > 0, "the driver was silent for too long", "in step"));
+        let shadow = Notice::either(self.left_out > 0, "shadow", "out of step", "in step");
+        let _ = notices.try_push(shadow.with_consequence("the driver was silent for too long"));
         notices
     }
 

@@ -9,6 +9,7 @@ use serde_json::{Map, Value};
 use std::collections::BTreeMap;
 use std::time::Duration;
 use supertwin_core::Refusal;
+use supertwin_core::event::CommandSource;
 use xxhash_rust::xxh3::xxh3_64;
 
 /// Largest request that is looked at, in bytes.
@@ -66,8 +67,8 @@ pub enum Answer {
 pub struct Waiting<C> {
     /// The command.
     pub command: C,
-    /// Who asked for it: `client seq 7`, or nobody for the mission.
-    pub by: Option<String>,
+    /// Who asked for it, or nobody for the mission.
+    pub by: Option<CommandSource>,
     /// Name of the state it sets.
     pub name: String,
 }
@@ -210,7 +211,7 @@ impl<C: Serialize + DeserializeOwned + Clone> Desk<C> {
         if !emergency && self.waiting.values().map(Vec::len).sum::<usize>() >= MAX_WAITING {
             return Err(format!("{MAX_WAITING} commands wait already"));
         }
-        let by = Some(format!("{} seq {}", request.client, request.seq));
+        let by = Some(CommandSource { client: request.client.clone(), seq: Some(request.seq) });
         self.waiting.entry(tick).or_default().push(Waiting { command, by, name: name_of_request(name, request) });
         Ok((tick, true))
     }
@@ -229,7 +230,7 @@ impl<C: Serialize + DeserializeOwned + Clone> Desk<C> {
     /// When there is no such command.
     pub fn stream(&mut self, name: &str, value: f64, client: &str, next: u64) -> Result<(), String> {
         let command = build(name, value.into())?;
-        let by = Some(format!("{client} streaming"));
+        let by = Some(CommandSource { client: client.to_owned(), seq: None });
         let waiting = self.waiting.entry(next).or_default();
         waiting.retain(|other| other.name != name || other.by != by);
         waiting.push(Waiting { command, by, name: name.to_owned() });
@@ -393,7 +394,7 @@ mod tests {
         let mut desk = Desk::new(&mission);
         assert!(desk.due(4).is_empty());
         let due = desk.due(7);
-        assert_eq!((due.len(), due[0].by.as_deref(), due[0].name.as_str()), (1, None, "depth_m"));
+        assert_eq!((due.len(), &due[0].by, due[0].name.as_str()), (1, &None, "depth_m"));
     }
 
     #[test]

@@ -177,10 +177,10 @@ impl Authority {
         }
     }
 
-    /// A lease that ran out ends; true when it did just now.
-    pub fn expire(&mut self, now: Duration) -> bool {
-        let expired = self.view.holder.is_some() && now >= self.view.until;
-        if expired {
+    /// A lease that ran out ends; whose it was, when it did just now.
+    pub fn expire(&mut self, now: Duration) -> Option<String> {
+        let expired = self.view.holder.take_if(|_| now >= self.view.until);
+        if expired.is_some() {
             self.end(Ended::Expired);
         }
         expired
@@ -201,7 +201,7 @@ impl Authority {
 
     /// Answers a request; `new_token` is used when a lease is granted. The flag says whether anything changed.
     pub fn answer(&mut self, request: &LeaseRequest, new_token: &str, now: Duration) -> (LeaseReply, bool) {
-        let mut changed = self.expire(now);
+        let mut changed = self.expire(now).is_some();
         let held = self.view.holder(now).map(str::to_owned);
         let mine = self.view.allows(&request.client, &request.token, now).is_ok();
         let mut token = None;
@@ -286,7 +286,7 @@ mod tests {
         authority.answer(&ask("anna", LeaseAction::Acquire, ""), "t", S(0));
         assert!(!authority.view().operator_lost(S(4)));
         assert!(authority.view().operator_lost(S(5)), "even before anybody noticed");
-        assert!(authority.expire(S(6)) && authority.view().operator_lost(S(6)));
+        assert!(authority.expire(S(6)).is_some() && authority.view().operator_lost(S(6)));
         authority.answer(&ask("ben", LeaseAction::Acquire, ""), "u", S(7));
         assert!(!authority.view().operator_lost(S(7)));
         let (reply, _) = authority.answer(&ask("ben", LeaseAction::Release, "u"), "", S(8));

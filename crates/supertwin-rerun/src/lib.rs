@@ -14,6 +14,7 @@ pub mod blueprint;
 mod chunks;
 mod compact;
 mod derived;
+pub mod event;
 pub mod export;
 mod frames;
 pub mod live;

@@ -3,6 +3,7 @@
 //! Whatever can be read is read: a file that a killed process or a full disk left behind up to its end, a damaged one
 //! around the damage. What is missing is named in [`Recording::damage`].
 
+use crate::event;
 use crate::frames::{Foreign, Frames, Piece, quietly};
 use crate::{APPLICATION, COMPARISON, TICK, TIME};
 use rerun::external::arrow::array::{Array, ArrayRef, Float64Array, ListArray, StringArray, UInt64Array};
@@ -13,7 +14,7 @@ use std::fs::File;
 use std::io;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-use supertwin_core::run::{FORMAT, Properties, Severity};
+use supertwin_core::run::{FORMAT, Properties};
 pub use supertwin_core::source::{Columns, Label, WireMessage};
 use supertwin_core::{Event, Property, RunSource};
 
@@ -444,7 +445,8 @@ impl Recording {
         let has = |component| chunk.components().contains_component(component);
         // All of a chunk or nothing of it: what does not fit is found before anything is entered.
         let changes = has(state).then(|| labels(chunk, state)).transpose()?;
-        let happened = has(text).then(|| events(path.strip_prefix("event/").unwrap_or(path), chunk)).transpose()?;
+        let happened =
+            has(text).then(|| event::read(path.strip_prefix("event/").unwrap_or(path), chunk)).transpose()?;
         let said = has(words).then(|| labels(chunk, words)).transpose()?;
         let wire = path.strip_prefix("wire/").filter(|_| has(bytes));
         let sent = wire.map(|key| Ok::<_, String>((key, wired(chunk, bytes)?))).transpose()?;
@@ -524,28 +526,11 @@ fn add_rows(columns: &mut Columns, chunk: &Chunk, component: ComponentIdentifier
     Ok(())
 }
 
-fn labels(chunk: &Chunk, component: ComponentIdentifier) -> Result<Vec<Label>, String> {
+pub(crate) fn labels(chunk: &Chunk, component: ComponentIdentifier) -> Result<Vec<Label>, String> {
     let moments = Moments::new(chunk, component)?;
     let texts = strings(chunk, component);
     let rows = moments.ticks().zip(moments.times()).zip(texts);
     Ok(rows.filter_map(|((tick, time_ns), value)| Some(Label { tick, time_ns, value: value? })).collect())
-}
-
-fn events(service: &str, chunk: &Chunk) -> Result<Vec<Event>, String> {
-    let text = rerun::TextLog::descriptor_text().component;
-    let levels = strings(chunk, rerun::TextLog::descriptor_level().component);
-    let happened = labels(chunk, text)?.into_iter().zip(levels);
-    Ok(happened
-        .map(|(label, level)| {
-            let severity = match level.as_deref() {
-                Some("INFO") => Severity::Info,
-                Some("WARN") => Severity::Warning,
-                _ => Severity::Error,
-            };
-            let tick = u64::try_from(label.tick).unwrap_or(0);
-            Event { tick, service: service.to_owned().into(), severity, text: label.value.into() }
-        })
-        .collect())
 }
 
 fn wired(chunk: &Chunk, component: ComponentIdentifier) -> Result<Vec<WireMessage>, String> {
@@ -595,7 +580,7 @@ impl<'a> Moments<'a> {
 }
 
 /// The strings of a component: the first of every row that has any; all of them when there is one row only.
-fn strings(chunk: &Chunk, component: ComponentIdentifier) -> impl Iterator<Item = Option<String>> {
+pub(crate) fn strings(chunk: &Chunk, component: ComponentIdentifier) -> impl Iterator<Item = Option<String>> {
     let single = chunk.num_rows() == 1;
     chunk.iter_slices::<String>(component).flat_map(move |texts| {
         let mut texts: Vec<_> = texts.iter().map(|text| Some(text.as_str().to_owned())).collect();

@@ -7,7 +7,7 @@ use crate::live::Live;
 use crate::notes::Notes;
 use crate::scene::Scene;
 use crate::writer::{Job, Writer};
-use crate::{blueprint, read, style};
+use crate::{blueprint, event, read, style};
 use rerun::external::arrow::array::{Float64Array, UInt64Array};
 use rerun::external::re_log_encoding::EncodingOptions;
 use rerun::external::re_log_types::{SetStoreInfo, StoreInfo, StoreSource};
@@ -19,7 +19,7 @@ use std::fs::File;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use supertwin_core::run::{Properties, Severity};
+use supertwin_core::run::Properties;
 use supertwin_core::{Event, Probe, Property, RunHeader, RunSink, Signal, SinkError, Tick};
 
 /// How a recording is written.
@@ -324,8 +324,9 @@ impl RerunSink {
             jobs.push(Job::Chunk(columns(track.entity.clone(), every.select(&track.rows), changes)?));
             track.rows.clear();
         }
+        let dt_s = self.last_tick.map_or(0.0, |tick| tick.dt_s);
         for (service, events) in std::mem::take(&mut self.events) {
-            jobs.push(Job::Chunk(self.log(&service, &events)?));
+            jobs.push(Job::Chunk(event::chunk(&service, &events, dt_s)?));
         }
         for (path, notes) in &mut self.notes {
             jobs.extend(notes.chunks(path)?.into_iter().map(Job::Chunk));
@@ -336,23 +337,6 @@ impl RerunSink {
             jobs.push(Job::Batch(batch));
         }
         self.send(Job::All(jobs))
-    }
-
-    fn log(&self, service: &str, events: &[(Event, Option<Clocks>)]) -> Result<rerun::log::Chunk, Problem> {
-        let dt_s = self.last_tick.map_or(0.0, |tick| tick.dt_s);
-        let ticks: Vec<i64> = events.iter().map(|(event, _)| event.tick as i64).collect();
-        let nanos = events.iter().map(|(event, _)| nanos(Tick { k: event.tick, dt_s })).collect();
-        let clocks: Vec<Clocks> = events.iter().filter_map(|(_, clocks)| *clocks).collect();
-        let level = |(event, _): &(Event, Option<Clocks>)| match event.severity {
-            Severity::Info => rerun::TextLogLevel::INFO,
-            Severity::Warning => rerun::TextLogLevel::WARN,
-            Severity::Error => rerun::TextLogLevel::ERROR,
-        };
-        let log = rerun::TextLog::update_fields()
-            .with_many_text(events.iter().map(|(event, _)| &*event.text))
-            .with_many_level(events.iter().map(level));
-        let entity = EntityPath::from_single_string("event").join(&EntityPath::from_single_string(service));
-        columns(entity, Times::new(ticks, nanos).with_clocks(&clocks), log.columns_of_unit_batches().map_err(text)?)
     }
 
     /// Writes what is left and the footer, and looks at the file whether all of it is there.

@@ -6,9 +6,9 @@ use crate::common::{DT_S, header, play, results};
 use std::fs;
 use std::path::Path;
 use supertwin_core::observe::{Both, Probe, Snapshot};
-use supertwin_core::run::{Properties, Severity};
+use supertwin_core::run::Properties;
 use supertwin_core::signal::{estimator, nav, reference, thrust, tracking};
-use supertwin_core::{Event, Property, RunHeader, RunSink, Signal, SinkError, Tick};
+use supertwin_core::{Event, Property, RunHeader, RunSink, Severity, Signal, SinkError, Tick};
 use supertwin_rerun::{Clocks, Options, ReadError, Recording, RerunSink, read, signals};
 
 static WIDE: Signal = Signal { path: "test/wide", components: &["a", "b", "c"], units: &["m", "s"], about: "" };
@@ -182,7 +182,7 @@ fn events_come_back_with_service_and_severity() {
         (1500, "guidance", Severity::Error),
     ];
     assert_eq!(events, expected);
-    assert_eq!(recording.events[1].text, "no velocity from the DVL for 0.5 s: dead reckoning");
+    assert_eq!(recording.events[1].text(), "no velocity from the DVL for 0.5 s: dead reckoning");
 }
 
 #[test]

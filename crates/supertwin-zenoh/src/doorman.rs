@@ -9,6 +9,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
+use supertwin_core::EventKind;
 use supertwin_protocol::clock::Clock;
 use supertwin_protocol::role::parse_common_name;
 use tracing::level_filters::LevelFilter;
@@ -33,29 +34,56 @@ const REPORT: Duration = Duration::from_secs(1);
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Knock {
     /// Somebody with a good certificate came.
-    Came(String),
+    Came {
+        /// Common name of the certificate.
+        name: String,
+        /// Address.
+        from: String,
+    },
     /// Somebody was refused before a word was said.
-    Stranger(String),
+    Stranger {
+        /// Why.
+        reason: String,
+    },
     /// Somebody whose certificate has no role here; he may do nothing.
-    NoRole(String),
+    NoRole {
+        /// His session.
+        session: String,
+    },
     /// Somebody tried what he may not.
-    Refused(String),
+    Refused {
+        /// Common name of the certificate, if it is known.
+        name: String,
+        /// His session.
+        session: String,
+        /// What he tried.
+        action: String,
+        /// On which key.
+        key: String,
+    },
+    /// More than are told one by one.
+    More,
 }
 
 impl Knock {
-    /// What to say about it.
+    /// It as an event.
     #[must_use]
-    pub fn text(&self, times: u64) -> String {
-        let what = match self {
-            Self::Came(what) | Self::Stranger(what) | Self::NoRole(what) | Self::Refused(what) => what,
-        };
-        if times > 1 { format!("{what} ({times} times)") } else { what.clone() }
+    pub fn event(&self, times: u64) -> EventKind {
+        match self.clone() {
+            Self::Came { name, from } => EventKind::ConnectionAccepted { name, from, times },
+            Self::Stranger { reason } => EventKind::ConnectionRefused { reason, times },
+            Self::NoRole { session } => EventKind::SessionWithoutRole { session, times },
+            Self::Refused { name, session, action, key } => {
+                EventKind::AccessRefused { name, session, action, key, times }
+            }
+            Self::More => EventKind::MoreRefused { refusals: times },
+        }
     }
 
     /// Whether somebody was turned away.
     #[must_use]
     pub fn is_refusal(&self) -> bool {
-        !matches!(self, Self::Came(_))
+        !matches!(self, Self::Came { .. })
     }
 }
 
@@ -125,9 +153,7 @@ impl Ear {
         }
         if let Some((session, _)) = text.split_once(" did not match any configured ACL subject") {
             let session = session.to_owned();
-            return self
-                .shared
-                .enter(|_| Knock::NoRole(format!("session {session} has no role here and may do nothing")));
+            return self.shared.enter(|_| Knock::NoRole { session });
         }
         let Some((who, what)) = text.split_once(" is unauthorized to ") else {
             // What was let through, or does not come from outside.
@@ -160,10 +186,8 @@ impl Ear {
         }
         let key: String = key.chars().filter(|c| !c.is_control()).take(QUOTED).collect();
         self.shared.enter(|book| {
-            let who = book.names.get(session).map_or("", String::as_str);
-            Knock::Refused(
-                format!("{who} (session {session}) may not {} on {key}", verb.to_lowercase()).trim().to_owned(),
-            )
+            let name = book.names.get(session).cloned().unwrap_or_default();
+            Knock::Refused { name, session: session.to_owned(), action: verb.to_lowercase(), key }
         });
     }
 
@@ -175,11 +199,11 @@ impl Ear {
             let name = name.split_once("Common Name: ").map_or(name, |(_, name)| name).trim_end_matches('.');
             let name = if name == "None" { "nobody" } else { name };
             let (from, name) = (quoted(from), quoted(name));
-            return self.shared.enter(|_| Knock::Came(format!("{name} has come from {from}")));
+            return self.shared.enter(|_| Knock::Came { name, from });
         }
         if level == Level::WARN {
-            let why = quoted(text.split(". Hint:").next().unwrap_or(text));
-            self.shared.enter(|_| Knock::Stranger(format!("a connection was refused: {why}")));
+            let reason = quoted(text.split(". Hint:").next().unwrap_or(text));
+            self.shared.enter(|_| Knock::Stranger { reason });
         }
     }
 }
@@ -288,7 +312,7 @@ fn report(shared: &Shared, clock: &dyn Clock, say: &mut impl FnMut(&Knock, u64))
             say(knock, *times);
         }
         if more > 0 {
-            say(&Knock::Refused(format!("{more} more of other kinds")), 1);
+            say(&Knock::More, more);
         }
         if closing {
             return;
@@ -306,7 +330,7 @@ mod tests {
     }
 
     fn heard(ear: &Ear) -> Vec<String> {
-        ear.shared.lock().knocks.iter().map(|(knock, times)| knock.text(*times)).collect()
+        ear.shared.lock().knocks.iter().map(|(knock, times)| knock.event(*times).to_string()).collect()
     }
 
     #[test]
@@ -356,7 +380,7 @@ mod tests {
         ear.tls(accepted, Level::DEBUG);
         ear.rules("ab12 did not match any configured ACL subject. Default permission `Deny` will be applied", Some(3));
         let knocks: Vec<(bool, String)> =
-            ear.shared.lock().knocks.keys().map(|knock| (knock.is_refusal(), knock.text(1))).collect();
+            ear.shared.lock().knocks.keys().map(|knock| (knock.is_refusal(), knock.event(1).to_string())).collect();
         assert_eq!(
             knocks,
             [

@@ -5,8 +5,7 @@ use crate::session::LinkError;
 use serde::Serialize;
 use std::borrow::Cow;
 use std::sync::Arc;
-use supertwin_core::run::Severity;
-use supertwin_core::{Event, Tick};
+use supertwin_core::{Event, EventKind, Severity, Tick};
 use supertwin_protocol::Health;
 use supertwin_protocol::clock::Clock;
 use supertwin_protocol::envelope::{Envelope, encode};
@@ -67,9 +66,9 @@ impl Voice {
     }
 
     /// Something happened; returns the event as others hear it.
-    pub fn event(&mut self, run: &str, tick: Tick, severity: Severity, text: String) -> Event {
+    pub fn event(&mut self, run: &str, tick: Tick, severity: Severity, what: EventKind) -> Event {
         self.events += 1;
-        let event = Event { tick: tick.k, service: Cow::Borrowed(self.service), severity, text: Cow::Owned(text) };
+        let event = Event { tick: tick.k, service: Cow::Borrowed(self.service), severity, what };
         let envelope = Envelope {
             run: Cow::Borrowed(run),
             source: Cow::Borrowed(&*self.source),

@@ -320,7 +320,7 @@ impl Block for Controller {
 
     fn notices(&self, _: Option<&Thrust>) -> Notices {
         let usual = matches!(self.status, Status::Tracking | Status::Neutral);
-        Notices::from_iter([Notice::either(!usual, self.status.name(), self.status.name())])
+        Notices::from_iter([Notice::either(!usual, "status", self.status.name(), self.status.name())])
     }
 
     fn succeed(&mut self, old: &Self) {

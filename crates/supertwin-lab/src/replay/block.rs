@@ -8,9 +8,9 @@ use std::borrow::Cow;
 use std::collections::BTreeSet;
 use supertwin_core::command::Command;
 use supertwin_core::digest::{DigestProbe, block_digest};
+use supertwin_core::event::EventCommand;
 use supertwin_core::port::PortVisitor;
-use supertwin_core::run::Severity;
-use supertwin_core::{Event, Message, OperatorLink, Port, Ports, Tick, Watch};
+use supertwin_core::{Event, EventKind, Message, OperatorLink, Port, Ports, Severity, Tick, Watch};
 
 /// Steps that are made up for where the recording has none; more of them lead nowhere.
 const MOST_UNTOLD: u64 = 5000;
@@ -115,6 +115,14 @@ impl PortVisitor for Stepped {
     }
 }
 
+/// Why the steps of an instance can't be held to the recording any more.
+enum Doubt {
+    /// Something that it used is not in the recording.
+    Lacks(String),
+    /// It differs since this tick.
+    Differs(u64),
+}
+
 /// What one step came to.
 struct Done<O> {
     out: O,
@@ -167,10 +175,18 @@ impl<B: RingBlock> State<B> {
             self.command += 1;
             let Some(command) = B::own(command) else { continue };
             if let Err(refusal) = self.block.command(tick, command) {
-                let said = serde_json::to_string(command).unwrap_or_default();
-                let text = Cow::Owned(format!("command refused: {said}: {refusal}"));
-                let service = Cow::Borrowed(B::NAME);
-                events.push(Event { tick: tick.k, service, severity: Severity::Error, text });
+                let command = serde_json::to_value(command).unwrap_or_default();
+                events.push(Event {
+                    tick: tick.k,
+                    service: Cow::Borrowed(B::NAME),
+                    severity: Severity::Error,
+                    what: EventKind::CommandRefused {
+                        command: EventCommand::new(B::NAME, command, None),
+                        session: None,
+                        reason: refusal.to_string(),
+                        so_far: None,
+                    },
+                });
             }
         }
         let mut feed = Feed { messages, used, k: tick.k, at: 0, writers: &mut self.writers, missing: None };
@@ -218,13 +234,13 @@ fn play_instance<B: RingBlock>(
 ) {
     let mut state = State::new(block);
     let mut probe = DigestProbe::default();
-    let mut doubt: Option<String> = None;
+    let mut doubt: Option<Doubt> = None;
     let mut before: Option<&Step> = None;
     for step in &instance.steps {
         played.steps += 1;
         let untold = match before {
             None => {
-                doubt = state.begin(step, instance, commands, messages, how);
+                doubt = state.begin(step, instance, commands, messages, how).map(Doubt::Lacks);
                 None
             }
             Some(before) => untold(before, step, B::OWNS_TIME),
@@ -233,12 +249,14 @@ fn play_instance<B: RingBlock>(
         let attempt = told.best(state, &mut probe);
         let equal = step.digest.map(|recorded| recorded == attempt.digest);
         if let Some((key, at)) = attempt.done.missing {
-            doubt.get_or_insert_with(|| format!("the message of {key} at tick {at} is not in the recording"));
+            doubt.get_or_insert_with(|| {
+                Doubt::Lacks(format!("the message of {key} at tick {at} is not in the recording"))
+            });
         }
         if let Some(untold) = untold.filter(|_| equal != Some(true)) {
-            doubt.get_or_insert(untold.why);
+            doubt.get_or_insert(Doubt::Lacks(untold.why));
         }
-        played.judge(step, before, equal, &mut doubt);
+        played.judge(step, before, equal, how.anew, &mut doubt);
         played.take(step, &attempt);
         if how.anew {
             for (k, out) in attempt.filled {
@@ -304,21 +322,36 @@ impl Told<'_> {
 
 impl Played {
     /// Enters whether a step is as recorded, where that can be said. What makes a step doubtful makes all after it so.
-    fn judge(&mut self, step: &Step, before: Option<&Step>, equal: Option<bool>, doubt: &mut Option<String>) {
+    fn judge(
+        &mut self,
+        step: &Step,
+        before: Option<&Step>,
+        equal: Option<bool>,
+        anew: bool,
+        doubt: &mut Option<Doubt>,
+    ) {
         if equal == Some(true) || (equal.is_none() && doubt.is_none()) {
             self.compared.insert(step.tick);
-        } else if let Some(why) = doubt {
-            match self.inexact.last_mut() {
-                Some(last) if last.why == *why && before.is_some_and(|before| before.tick == last.to_tick) => {
-                    last.to_tick = step.tick;
-                }
-                _ => self.inexact.push(Inexact { from_tick: step.tick, to_tick: step.tick, why: why.clone() }),
+            return;
+        }
+        let why = match doubt {
+            None => {
+                // It must be equal, and is not.
+                self.compared.insert(step.tick);
+                self.digest_differs = Some(self.digest_differs.map_or(step.tick, |tick| tick.min(step.tick)));
+                *doubt = Some(Doubt::Differs(step.tick));
+                return;
             }
-        } else {
-            // It must be equal, and is not.
-            self.compared.insert(step.tick);
-            self.digest_differs = Some(self.digest_differs.map_or(step.tick, |tick| tick.min(step.tick)));
-            *doubt = Some(format!("it differs from the recording at tick {} already", step.tick));
+            // What is new differs for a reason: only what the recording lacks is worth telling.
+            Some(Doubt::Differs(_)) if anew => return,
+            Some(Doubt::Differs(tick)) => format!("it differs from the recording at tick {tick} already"),
+            Some(Doubt::Lacks(why)) => why.clone(),
+        };
+        match self.inexact.last_mut() {
+            Some(last) if last.why == why && before.is_some_and(|before| before.tick == last.to_tick) => {
+                last.to_tick = step.tick;
+            }
+            _ => self.inexact.push(Inexact { from_tick: step.tick, to_tick: step.tick, why }),
         }
     }
 
@@ -327,7 +360,7 @@ impl Played {
         self.track.show(step.tick, &attempt.state.block, &attempt.done.out);
         self.digests.push((step.tick, attempt.digest));
         for event in &attempt.done.events {
-            if event.severity == Severity::Error && event.text.starts_with("command refused") {
+            if matches!(event.what, EventKind::CommandRefused { .. }) {
                 self.refused.push(event.clone());
             }
             self.track.events.push(event.clone());

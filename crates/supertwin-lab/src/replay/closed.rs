@@ -17,10 +17,10 @@ use crate::twin::Twin;
 use std::borrow::Cow;
 use supertwin_core::command::{Command, LinkCommand};
 use supertwin_core::message::WrenchRequest;
-use supertwin_core::run::{Properties, Severity};
+use supertwin_core::run::Properties;
 use supertwin_core::signal::{self, Component};
 use supertwin_core::source::Columns;
-use supertwin_core::{Event, OperatorLink, RunHeader, RunSink, RunSource, Signal, Wrench};
+use supertwin_core::{Event, EventKind, OperatorLink, RunHeader, RunSink, RunSource, Severity, Signal, Wrench};
 use supertwin_plant::Drive;
 
 /// The heading at which the disturbance was found.
@@ -106,19 +106,14 @@ impl<S: RunSource> Replay<'_, S> {
         };
         let twin = Twin::of(Blocks::nominal(&trial, seed)?);
         let ticks = self.closed_ticks();
-        let mut sink = Announced { sink, text: Some(self.announcement(changed)) };
+        let mut sink = Announced { sink, what: Some(self.announcement(changed)) };
         let outcome =
             play(&trial, twin, ticks, Some(&header), &mut sink, |twin, tick| twin.drive(recorded.at(tick.k)), go_on)?;
         Ok(Closed { outcome, held: recorded.held })
     }
 
-    fn announcement(&self, changed: &Changed) -> String {
-        format!(
-            "replay of {} in a closed loop: the plant has the estimator's nominal model and is driven by the disturbance \
-             that was found in the recording, in the place of current, waves and tether; changed: {}",
-            self.source.name(),
-            if changed.is_nothing() { "nothing".to_owned() } else { changed.words.join("; ") }
-        )
+    fn announcement(&self, changed: &Changed) -> EventKind {
+        EventKind::ReplayedClosedLoop { recording: self.source.name().to_owned(), changed: changed.words.clone() }
     }
 
     /// What came over the network beside commands: an operator who was lost, an external controller.
@@ -146,7 +141,7 @@ impl<S: RunSource> Replay<'_, S> {
 /// Says at the first tick what kind of run this is.
 struct Announced<'a, S> {
     sink: &'a mut S,
-    text: Option<String>,
+    what: Option<EventKind>,
 }
 
 impl<S: RunSink> supertwin_core::Probe for Announced<'_, S> {
@@ -164,14 +159,9 @@ impl<S: RunSink> RunSink for Announced<'_, S> {
     }
     fn tick(&mut self, tick: supertwin_core::Tick) -> Result<(), supertwin_core::SinkError> {
         self.sink.tick(tick)?;
-        if let Some(text) = self.text.take() {
-            let text = Cow::Owned(text);
-            self.sink.event(&Event {
-                tick: tick.k,
-                service: Cow::Borrowed("replay"),
-                severity: Severity::Info,
-                text,
-            })?;
+        if let Some(what) = self.what.take() {
+            let service = Cow::Borrowed("replay");
+            self.sink.event(&Event { tick: tick.k, service, severity: Severity::Info, what })?;
         }
         Ok(())
     }

@@ -16,9 +16,11 @@ use crate::trial::ResolvedTrial;
 use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 use supertwin_core::command::Command;
-use supertwin_core::run::{Properties, Scene, Severity};
+use supertwin_core::run::{Properties, Scene};
 use supertwin_core::source::{Columns, Kept, Label};
-use supertwin_core::{Event, Observe, Property, RunHeader, RunSink, RunSource, Signal, Tick, signal};
+use supertwin_core::{
+    Event, EventKind, Observe, Property, RunHeader, RunSink, RunSource, Severity, Signal, Tick, signal,
+};
 
 /// The result of an open-loop what-if.
 #[derive(Debug)]
@@ -113,8 +115,7 @@ impl<S: RunSource> Replay<'_, S> {
             instances: played.instances,
             steps: played.steps,
             compared: 0,
-            // Without the recorded state of what is new only what was not there is worth telling.
-            inexact: played.inexact.iter().filter(|inexact| !inexact.why.starts_with("it differs")).cloned().collect(),
+            inexact: played.inexact.clone(),
             difference: None,
         }
     }
@@ -163,35 +164,35 @@ impl<S: RunSource> Replay<'_, S> {
     fn events(&self, trial: &ResolvedTrial, changed: &Changed, played: &[Played]) -> Vec<Event> {
         let first =
             self.plan.parts.iter().flat_map(|part| &part.instances).filter_map(|instance| instance.steps.first());
-        let text = format!(
-            "replay of {} from {} on, with {} in command, open loop: the vehicle does not react; changed: {}",
-            self.source.name(),
-            changed.from.name(),
-            trial.controller_name,
-            if changed.is_nothing() { "nothing".to_owned() } else { changed.words.join("; ") }
-        );
         let mut events = vec![Event {
             tick: first.map(|step| step.tick).min().unwrap_or_default(),
             service: Cow::Borrowed("replay"),
             severity: Severity::Info,
-            text: Cow::Owned(text),
+            what: EventKind::ReplayedOpenLoop {
+                recording: self.source.name().to_owned(),
+                from: Cow::Borrowed(changed.from.name()),
+                controller: trial.controller_name.clone(),
+                changed: changed.words.clone(),
+            },
         }];
         let new = &RING[changed.from.place()..];
         // A service that was run anew says anew what it does; what was said about commands and links still holds.
-        let holds = |event: &&Event| !new.contains(&&*event.service) || event.text.starts_with("command applied");
+        let holds =
+            |event: &&Event| !new.contains(&&*event.service) || matches!(event.what, EventKind::CommandApplied { .. });
         events.extend(self.source.events().iter().filter(holds).cloned());
         events.extend(played.iter().flat_map(|played| played.track.events.iter().cloned()));
         for gap in played.iter().flat_map(|played| played.inexact.iter().map(move |gap| (played.track.service, gap))) {
             let (service, gap) = gap;
-            if gap.why.starts_with("it differs") {
-                continue;
-            }
-            let text = format!("{service}: not exact from tick {} to {}: {}", gap.from_tick, gap.to_tick, gap.why);
             events.push(Event {
                 tick: gap.from_tick,
                 service: Cow::Borrowed("replay"),
                 severity: Severity::Warning,
-                text: Cow::Owned(text),
+                what: EventKind::ReplayInexact {
+                    service: Cow::Borrowed(service),
+                    from_tick: gap.from_tick,
+                    to_tick: gap.to_tick,
+                    reason: gap.why.clone(),
+                },
             });
         }
         events.sort_by_key(|event| event.tick);

@@ -15,8 +15,8 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 use supertwin_core::digest::RunDigest;
 use supertwin_core::message::{Measurements, Message as _, Nav, Reference, Thrust, WrenchRequest};
-use supertwin_core::run::{Properties, Severity};
-use supertwin_core::{Event, Tick};
+use supertwin_core::run::Properties;
+use supertwin_core::{Event, EventKind, Severity, Tick};
 use supertwin_protocol::{Clock, Health, keys};
 use supertwin_rerun::{Clocks, Live};
 use supertwin_zenoh::witness::RING;
@@ -188,13 +188,13 @@ impl Vehicle {
     /// The recorder was too slow for so many messages.
     pub(crate) fn overrun(&mut self, lost: u64) {
         self.account.refused += lost;
-        self.tell(Severity::Error, format!("gap: the recorder was too slow for {lost} messages"));
+        self.tell(Severity::Error, EventKind::RecorderOverrun { messages: lost });
     }
 
     /// Says something about the recording, in the recording as well.
-    fn tell(&mut self, severity: Severity, text: String) {
+    fn tell(&mut self, severity: Severity, what: EventKind) {
         let (id, tick) = self.run.as_ref().map_or((String::new(), START), |run| (run.id.clone(), run.last));
-        let event = self.voice.event(&id, tick, severity, text);
+        let event = self.voice.event(&id, tick, severity, what);
         let clocks = self.clocks(self.shared.clock.unix_ns(), self.shared.clock.now());
         self.events.push((id, event, clocks));
     }
@@ -203,10 +203,10 @@ impl Vehicle {
     pub(crate) fn poll(&mut self, inbox: &Inbox) -> Duration {
         let now = self.shared.clock.now();
         if let Some(step_s) = self.account.clock_step(&*self.shared.clock) {
-            self.tell(Severity::Warning, format!("the recorder's clock stepped by {step_s:+.3} s"));
+            self.tell(Severity::Warning, EventKind::ClockStepped { service: "recorder".into(), step_s });
         }
         if let Some(step_s) = self.account.take_sender_step() {
-            self.tell(Severity::Warning, format!("the plant's clock stepped by {step_s:+.3} s"));
+            self.tell(Severity::Warning, EventKind::ClockStepped { service: "plant".into(), step_s });
         }
         self.describe(now, inbox);
         self.write_belated(now, false);
@@ -248,25 +248,25 @@ impl Vehicle {
             _ => return,
         };
         for news in news {
-            let (severity, text, value) = match news {
+            let (severity, what, value) = match news {
                 News::Opened(path) => (
                     Severity::Info,
-                    format!("recording to {}", path.display()),
+                    EventKind::RecordingOpened { path: path.display().to_string() },
                     json!({ "vehicle": self.name, "recording": path }),
                 ),
                 News::Closed(path) => (
                     Severity::Info,
-                    format!("closed {}", path.display()),
+                    EventKind::RecordingClosed { path: path.display().to_string() },
                     json!({ "vehicle": self.name, "closed": path }),
                 ),
                 News::Failed(cause) => (
                     Severity::Error,
-                    format!("NOT RECORDING: {cause}; tried again every few seconds"),
+                    EventKind::RecordingFailed { reason: cause.clone() },
                     json!({ "vehicle": self.name, "failed": cause }),
                 ),
             };
             self.news.push(value);
-            self.tell(severity, text);
+            self.tell(severity, what);
         }
     }
 

@@ -7,8 +7,7 @@ use mcap::records::{MessageHeader, Metadata};
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 use std::io::{self, Seek, Write};
-use supertwin_core::run::Severity;
-use supertwin_core::{Event, Property};
+use supertwin_core::{Event, Property, Severity};
 
 /// Topic of the events.
 const EVENTS: &str = "/events";
@@ -112,7 +111,7 @@ fn log_entry(event: &Event, time_ns: i64) -> Value {
     };
     let timestamp = json!({ "sec": time_ns / 1_000_000_000, "nsec": time_ns % 1_000_000_000 });
     json!({
-        "timestamp": timestamp, "level": level, "message": event.text, "name": event.service, "file": "", "line": 0
+        "timestamp": timestamp, "level": level, "message": event.text(), "name": event.service, "file": "", "line": 0
     })
 }
 

@@ -1,9 +1,9 @@
 //! A run that looks like a real one, made up from a few sines.
 
-use supertwin_core::run::{Properties, Scene, Severity};
+use supertwin_core::run::{Properties, Scene};
 use supertwin_core::signal::measurements::dvl;
 use supertwin_core::signal::{controller, nav, reference, thrust, tracking, truth};
-use supertwin_core::{Event, RunHeader, RunSink, SinkError, Tick};
+use supertwin_core::{Event, EventKind, RunHeader, RunSink, Severity, SinkError, Tick};
 
 /// Length of a tick in the made-up run.
 pub(crate) const DT_S: f64 = 0.02;
@@ -101,7 +101,8 @@ pub(crate) fn play(sink: &mut impl RunSink, ticks: u64) -> Result<(), SinkError>
         };
         if let Some((severity, text)) = happens {
             let service = if k == 300 { "estimator" } else { "guidance" };
-            sink.event(&Event { tick: k, service: service.into(), severity, text: text.into() })?;
+            let what = EventKind::Text { text: text.to_owned() };
+            sink.event(&Event { tick: k, service: service.into(), severity, what })?;
         }
     }
     Ok(())

@@ -4,8 +4,7 @@ use super::ports::{Clear, Deliver, Delivered};
 use super::{Beat, Ending, Host, Pace, Side};
 use serde_json::json;
 use std::time::Duration;
-use supertwin_core::run::Severity;
-use supertwin_core::{Watch, Wired};
+use supertwin_core::{EventKind, Severity, Watch, Wired};
 use supertwin_protocol::command_queue::{Desk, MAX_REQUEST};
 use supertwin_protocol::keys;
 use supertwin_protocol::lease::{Authority, LeaseState, LeaseView};
@@ -25,14 +24,14 @@ impl<B: Wired + 'static> Host<B> {
             Side::Witness => self.witness(&payload.to_bytes()),
             Side::Operator => {
                 let gone = payload.to_bytes();
-                let client = String::from_utf8_lossy(&gone);
+                let client = String::from_utf8_lossy(&gone).into_owned();
                 let now = self.now;
                 if let Some(authority) = &mut self.authority
                     && authority.vanished(&client)
                 {
                     let state = authority.state(&self.source, now);
                     self.tell_state(keys::LEASE_STATE.to_owned(), &state);
-                    self.note(Severity::Warning, format!("operator {client} has vanished; its lease is over"));
+                    self.note(Severity::Warning, EventKind::OperatorVanished { client });
                 }
             }
         }
@@ -61,7 +60,10 @@ impl<B: Wired + 'static> Host<B> {
         self.ports.visit(&mut deliver);
         match deliver.outcome {
             Delivered::Nothing => {}
-            Delivered::Rejected(rejected) => self.refused(&format!("message on wire {number}: {rejected}")),
+            Delivered::Rejected(rejected) => self.refused(&rejected.to_string(), |reason, so_far| {
+                let message = format!("message on wire {number}");
+                EventKind::MessageRefused { message, reason, so_far: Some(so_far) }
+            }),
             Delivered::Left { repeat } => self.answer_repetition(repeat, now),
             Delivered::Changed { source, run, tick } => self.changed(&was_source, &source, &run, tick, payload),
             Delivered::Taken { tick, clock_ns, trigger, gap, takeover } => {
@@ -91,11 +93,12 @@ impl<B: Wired + 'static> Host<B> {
                         self.wires[number].ledger.counts.late += 1;
                     }
                     if gap > 0 {
-                        self.note(Severity::Warning, format!("gap: {gap} messages missing from {was_source}"));
+                        let source = was_source.clone();
+                        self.note(Severity::Warning, EventKind::MessagesMissing { source, messages: gap });
                     }
                     if takeover {
-                        let source = self.wires[number].ledger.source().to_owned();
-                        self.note(Severity::Info, format!("{source} takes over from {was_source}"));
+                        let to = self.wires[number].ledger.source().to_owned();
+                        self.note(Severity::Info, EventKind::SourceChanged { from: was_source, to });
                     }
                 }
             }
@@ -112,12 +115,13 @@ impl<B: Wired + 'static> Host<B> {
             }
             return;
         }
-        self.note(Severity::Warning, format!("run {run} begins at tick {tick}; starts afresh"));
+        self.note(Severity::Warning, EventKind::RunStarted { run: run.to_owned(), at_tick: tick });
         let old = core::mem::replace(&mut self.block, self.pristine.clone());
         self.block.succeed(&old);
         let discarded = self.desk.waiting();
         if discarded > 0 {
-            self.note(Severity::Warning, format!("{discarded} commands that waited are discarded with the old run"));
+            let commands = discarded as u64;
+            self.note(Severity::Warning, EventKind::CommandsDiscarded { commands });
         }
         self.watch = Watch::new(&self.block);
         self.steps_of_run = 0;
@@ -231,8 +235,13 @@ impl<B: Wired + 'static> Host<B> {
                 self.streams[i].refused += 1;
                 let sample =
                     (payload.len() <= MAX_REQUEST).then(|| serde_json::from_slice::<StreamedSetpoint>(payload).ok());
-                let by = sample.flatten().map_or_else(String::new, |sample| format!(" by {}", sample.client));
-                self.refused(&format!("setpoint/{}{by}: {why}", STREAMS[i]));
+                let client = sample.flatten().map(|sample| sample.client);
+                self.refused(&why, |reason, so_far| EventKind::SetpointRefused {
+                    name: STREAMS[i].into(),
+                    client,
+                    reason,
+                    so_far,
+                });
             }
         }
     }

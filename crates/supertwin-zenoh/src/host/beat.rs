@@ -3,8 +3,7 @@
 use super::ports::{Missing, Ready};
 use super::{Ending, Host};
 use std::time::Duration;
-use supertwin_core::Wired;
-use supertwin_core::run::Severity;
+use supertwin_core::{EventKind, Severity, Wired};
 
 /// First wait before an output is repeated in lock step, while no lap has been timed.
 pub(super) const REPEAT_FIRST: Duration = Duration::from_millis(20);
@@ -101,7 +100,7 @@ impl<B: Wired + 'static> Host<B> {
             let most = (CATCH_UP_S / self.options.tick_s) as u128;
             if behind > most {
                 let lost = u64::try_from(behind).unwrap_or(u64::MAX / 2);
-                self.note(Severity::Error, format!("stopped for too long: {lost} ticks are left out"));
+                self.note(Severity::Error, EventKind::TicksLeftOut { ticks: lost });
                 self.next += lost;
                 self.steps.skipped += lost;
                 self.beat.due = Some(now);
@@ -115,7 +114,7 @@ impl<B: Wired + 'static> Host<B> {
             }
             if behind > 0 {
                 self.steps.deadline_misses += behind;
-                self.note(Severity::Warning, format!("{behind} ticks late: simulated, not sent"));
+                self.note(Severity::Warning, EventKind::TicksLate { ticks: behind });
             }
             self.step(self.next, true);
             self.beat.due = Some(due + beat * u32::try_from(behind + 1).unwrap_or(u32::MAX));

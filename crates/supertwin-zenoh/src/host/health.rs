@@ -6,9 +6,8 @@ use crate::mailbox::Overflow;
 use crate::outbox::Letter;
 use std::collections::BTreeMap;
 use std::time::Duration;
-use supertwin_core::Wired;
 use supertwin_core::port::wires;
-use supertwin_core::run::Severity;
+use supertwin_core::{EventKind, Severity, Wired};
 use supertwin_protocol::health::{Health, InputHealth};
 use supertwin_protocol::keys;
 
@@ -18,14 +17,14 @@ impl<B: Wired + 'static> Host<B> {
         if overflow != self.overflow {
             let lost = overflow.wires + overflow.requests - self.overflow.wires - self.overflow.requests;
             self.overflow = overflow;
-            self.refused(&format!("{lost} messages did not fit into the mailbox"));
+            self.refused("", |_, so_far| EventKind::MailboxOverflow { messages: lost, so_far });
         }
         if let Some(authority) = &mut self.authority
-            && authority.expire(now)
+            && let Some(client) = authority.expire(now)
         {
             let state = authority.state(&self.source, now);
             self.tell_state(keys::LEASE_STATE.to_owned(), &state);
-            self.note(Severity::Warning, "the lease has run out without being given back".to_owned());
+            self.note(Severity::Warning, EventKind::LeaseExpired { client });
         }
         if now >= self.health_due {
             self.health_due = now + Duration::from_secs(1);

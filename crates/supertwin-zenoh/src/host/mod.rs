@@ -20,8 +20,8 @@ use std::sync::Arc;
 use std::time::Duration;
 use supertwin_core::digest::DigestProbe;
 use supertwin_core::port::wires;
-use supertwin_core::run::{Properties, Severity};
-use supertwin_core::{Message, OperatorLink, Ports, Tick, Watch, Wired};
+use supertwin_core::run::Properties;
+use supertwin_core::{EventKind, Message, OperatorLink, Ports, Severity, Tick, Watch, Wired};
 use supertwin_protocol::clock::Clock;
 use supertwin_protocol::command_queue::Desk;
 use supertwin_protocol::fault::{Fault, FaultRates};
@@ -574,7 +574,7 @@ impl<B: Wired + 'static> Hosted for Host<B> {
     fn interrupt(&mut self, reason: &str) {
         if self.ending.is_none() {
             self.say_stop(false, reason);
-            self.note(Severity::Info, reason.to_owned());
+            self.note(Severity::Info, EventKind::RunStopped { reason: reason.to_owned() });
             self.ending = Some(Ending::Stopped(reason.to_owned()));
         }
     }

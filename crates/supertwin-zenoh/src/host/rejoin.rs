@@ -4,9 +4,8 @@ use super::Host;
 use super::ports::{Deliver, Delivered, Keys};
 use crate::session::LinkError;
 use std::time::Duration;
-use supertwin_core::Wired;
 use supertwin_core::port::wires;
-use supertwin_core::run::Severity;
+use supertwin_core::{EventKind, Severity, Wired};
 use supertwin_protocol::keys;
 use supertwin_protocol::ledger::Ledger;
 use supertwin_protocol::payload::Now;
@@ -61,7 +60,7 @@ impl<B: Wired + 'static> Host<B> {
             self.next = newest.next + 1;
             // Its mission up to here is history.
             self.desk.due(self.next.saturating_sub(1));
-            self.note(Severity::Info, format!("rejoins run {} at tick {}", self.run, self.next));
+            self.note(Severity::Info, EventKind::RunRejoined { run: self.run.clone(), at_tick: self.next });
         }
         for (i, payload) in held {
             self.offer_held(i, &payload, &newest.run);

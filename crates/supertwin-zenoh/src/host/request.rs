@@ -4,9 +4,9 @@ use super::Host;
 use super::ports::Keys;
 use crate::outbox::Letter;
 use serde_json::{Value, json};
-use supertwin_core::Wired;
+use supertwin_core::event::{CommandSource, EventCommand};
 use supertwin_core::port::wires;
-use supertwin_core::run::Severity;
+use supertwin_core::{EventKind, Severity, Wired};
 use supertwin_protocol::command_queue::{Answer, MAX_REQUEST, Moment, Request};
 use supertwin_protocol::keys;
 use supertwin_protocol::lease::{Authority, LeaseAction, LeaseReply, LeaseRequest};
@@ -19,12 +19,12 @@ impl<B: Wired + 'static> Host<B> {
         let payload = query.payload().map(|payload| payload.to_bytes().into_owned()).unwrap_or_default();
         let mut parts = key.splitn(3, '/');
         let (kind, _, name) = (parts.next().unwrap_or(""), parts.next(), parts.next().unwrap_or(""));
-        let from = sender(&query);
+        let session = sender(&query);
         let answer = match kind {
-            "command" => self.command(name, &payload, &from),
+            "command" => self.command(name, &payload, session),
             "param" if payload.is_empty() => self.parameter(&name.replace('/', ".")),
-            "param" => self.set_parameter(&name.replace('/', "."), &payload, &from),
-            "authority" => self.authority(&payload, &from),
+            "param" => self.set_parameter(&name.replace('/', "."), &payload, session),
+            "authority" => self.authority(&payload, session),
             "clock" => {
                 let pong = Pong { received_ns: self.clock.unix_ns() };
                 serde_json::to_value(pong).map_err(|error| json!(error.to_string()))
@@ -62,7 +62,7 @@ impl<B: Wired + 'static> Host<B> {
         Moment { now: self.now, next: self.next, tick_s: self.options.tick_s, lead: self.options.lead_ticks }
     }
 
-    pub(super) fn command(&mut self, name: &str, payload: &[u8], from: &str) -> Result<Value, Value> {
+    pub(super) fn command(&mut self, name: &str, payload: &[u8], session: Option<String>) -> Result<Value, Value> {
         let moment = self.moment();
         let tick = self.tick(self.next);
         let (block, lease) = (&self.block, self.authority.as_ref().map_or(&self.lease, Authority::view));
@@ -73,26 +73,37 @@ impl<B: Wired + 'static> Host<B> {
         match answer {
             Answer::Scheduled { apply_tick, .. } => {
                 if after.scheduled > before.scheduled {
-                    let who = said(payload);
-                    self.note(Severity::Info, format!("command scheduled for tick {apply_tick}: {name} {who}{from}"));
+                    let command = told::<B>(name, payload);
+                    self.note(Severity::Info, EventKind::CommandScheduled { command, apply_tick, session });
                 }
                 Ok(value)
             }
             Answer::Refused { reason, .. } => {
-                self.refused(&format!("command {name} {}{from}: {reason}", said(payload)));
+                let command = told::<B>(name, payload);
+                self.refused(&reason, |reason, so_far| EventKind::CommandRefused {
+                    command,
+                    session,
+                    reason,
+                    so_far: Some(so_far),
+                });
                 Err(value)
             }
         }
     }
 
-    pub(super) fn set_parameter(&mut self, path: &str, payload: &[u8], from: &str) -> Result<Value, Value> {
+    pub(super) fn set_parameter(
+        &mut self,
+        path: &str,
+        payload: &[u8],
+        session: Option<String>,
+    ) -> Result<Value, Value> {
         let request = (payload.len() <= MAX_REQUEST).then(|| serde_json::from_slice::<Request>(payload).ok()).flatten();
         let inner = request.map(|mut request| {
             request.value = json!({ "path": path, "value": request.value });
             serde_json::to_vec(&request).unwrap_or_default()
         });
         // What is no request is refused by the desk, in its own words.
-        self.command("parameter", &inner.unwrap_or_else(|| payload.to_vec()), from)
+        self.command("parameter", &inner.unwrap_or_else(|| payload.to_vec()), session)
     }
 
     pub(super) fn parameter(&self, path: &str) -> Result<Value, Value> {
@@ -110,7 +121,7 @@ impl<B: Wired + 'static> Host<B> {
         Ok(place.clone())
     }
 
-    pub(super) fn authority(&mut self, payload: &[u8], from: &str) -> Result<Value, Value> {
+    pub(super) fn authority(&mut self, payload: &[u8], session: Option<String>) -> Result<Value, Value> {
         let now = self.now;
         let Some(authority) = &mut self.authority else {
             return Err(json!({ "reason": "this service does not keep the authority" }));
@@ -123,9 +134,13 @@ impl<B: Wired + 'static> Host<B> {
         let request: LeaseRequest = match read {
             Ok(request) => request,
             Err(error) => {
-                let reason = format!("authority/lease: {error}");
-                self.refused(&format!("{reason}{from}"));
-                return Err(json!({ "reason": reason }));
+                self.refused(&error, |reason, so_far| EventKind::LeaseRefused {
+                    client: None,
+                    session,
+                    reason,
+                    so_far,
+                });
+                return Err(json!({ "reason": format!("authority/lease: {error}") }));
             }
         };
         let token = zenoh::session::ZenohId::default().to_string() + &zenoh::session::ZenohId::default().to_string();
@@ -135,21 +150,26 @@ impl<B: Wired + 'static> Host<B> {
             // Before the answer and with a higher priority: who is granted may command at once.
             self.tell_state(keys::LEASE_STATE.to_owned(), &state);
         }
-        self.lease_event(&request, &reply, from);
+        self.lease_event(request, &reply, session);
         let value = serde_json::to_value(&reply).unwrap_or(Value::Null);
         if reply.reason.is_some() { Err(value) } else { Ok(value) }
     }
 
-    pub(super) fn lease_event(&mut self, request: &LeaseRequest, reply: &LeaseReply, from: &str) {
+    pub(super) fn lease_event(&mut self, request: LeaseRequest, reply: &LeaseReply, session: Option<String>) {
         match (request.action, &reply.reason) {
             (LeaseAction::Acquire, None) if reply.token.is_some() => {
-                let (client, for_s) = (&request.client, request.for_s);
-                self.note(Severity::Info, format!("{client} has the authority for {for_s} s{from}"));
+                let LeaseRequest { client, for_s, .. } = request;
+                self.note(Severity::Info, EventKind::LeaseTaken { client, for_s, session });
             }
             (LeaseAction::Release, None) => {
-                self.note(Severity::Info, format!("{} gives the authority back{from}", request.client));
+                self.note(Severity::Info, EventKind::LeaseReturned { client: request.client, session });
             }
-            (_, Some(reason)) => self.refused(&format!("authority for {:?}{from}: {reason}", request.client)),
+            (_, Some(reason)) => self.refused(reason, |reason, so_far| EventKind::LeaseRefused {
+                client: Some(request.client),
+                session,
+                reason,
+                so_far,
+            }),
             _ => {}
         }
     }
@@ -157,18 +177,16 @@ impl<B: Wired + 'static> Host<B> {
 
 /// Which session a request names as its own, if it does. Only a router knows whose it really is: its log ties sessions to
 /// certificates.
-fn sender(query: &Query) -> String {
-    query.source_info().map_or_else(String::new, |info| format!(" from session {}", info.source_id().zid()))
+fn sender(query: &Query) -> Option<String> {
+    query.source_info().map(|info| info.source_id().zid().to_string())
 }
 
-fn said(payload: &[u8]) -> String {
+/// A request for the command `name`, as events tell of it.
+fn told<B: Wired>(name: &str, payload: &[u8]) -> EventCommand {
     // A token is a secret, also in a log, and also in a request that is wrong: nothing of that one is quoted.
     let request = (payload.len() <= MAX_REQUEST).then(|| serde_json::from_slice::<Request>(payload).ok()).flatten();
-    request.map_or_else(
-        || format!("({} bytes)", payload.len()),
-        |request| {
-            let value: String = request.value.to_string().chars().take(200).collect();
-            format!("{value} by {} seq {}", request.client, request.seq)
-        },
-    )
+    let (value, by) = request.map_or((Value::Null, None), |request| {
+        (request.value, Some(CommandSource { client: request.client, seq: Some(request.seq) }))
+    });
+    EventCommand { service: B::NAME.into(), name: name.to_owned(), value, by }
 }

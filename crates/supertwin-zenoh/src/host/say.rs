@@ -6,16 +6,15 @@ use crate::outbox::Letter;
 use serde::Serialize;
 use std::borrow::Cow;
 use std::time::Duration;
-use supertwin_core::run::Severity;
-use supertwin_core::{Event, Wired};
+use supertwin_core::{Event, EventKind, Severity, Wired};
 use supertwin_protocol::envelope::{Envelope, encode};
 use supertwin_protocol::payload::Stop;
 use zenoh::Wait;
 
 impl<B: Wired + 'static> Host<B> {
-    pub(super) fn note(&mut self, severity: Severity, text: String) {
+    pub(super) fn note(&mut self, severity: Severity, what: EventKind) {
         let tick = self.next;
-        self.tell(&Event { tick, service: Cow::Borrowed(B::NAME), severity, text: Cow::Owned(text) });
+        self.tell(&Event { tick, service: Cow::Borrowed(B::NAME), severity, what });
     }
 
     pub(super) fn header(&self, k: u64, seq: u64) -> Envelope<'_, ()> {
@@ -53,23 +52,29 @@ impl<B: Wired + 'static> Host<B> {
         }
     }
 
-    pub(super) fn refused(&mut self, what: &str) {
+    /// Something was refused; `what` is told why and how much was refused so far.
+    pub(super) fn refused(&mut self, reason: &str, what: impl FnOnce(String, u64) -> EventKind) {
         // A flood makes one event a second, not one per message; every one is counted.
         let (at, count) = &mut self.refused_reported;
         *count += 1;
         let now = self.now;
         if *count == 1 || now.saturating_sub(*at) >= Duration::from_secs(1) {
             // What others wrote is quoted, but an event has its limits.
-            let what: String = what.chars().filter(|c| !c.is_control()).take(300).collect();
-            let text = format!("refused: {what} ({count} so far)");
+            let reason: String = reason.chars().filter(|c| !c.is_control()).take(300).collect();
+            let what = what(reason, *count);
             *at = now;
-            self.note(Severity::Error, text);
+            self.note(Severity::Error, what);
         }
     }
 
     pub(super) fn fail(&mut self, reason: String) {
+        self.fail_by(EventKind::RunFailed { reason });
+    }
+
+    pub(super) fn fail_by(&mut self, what: EventKind) {
         if self.ending.is_none() {
-            self.note(Severity::Error, reason.clone());
+            let reason = what.to_string();
+            self.note(Severity::Error, what);
             self.say_stop(false, &reason);
             self.ending = Some(Ending::Failed(reason));
         }

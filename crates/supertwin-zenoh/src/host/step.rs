@@ -5,9 +5,9 @@ use super::ports::{AsideWriter, Readiness, Stepped, with};
 use serde_json::Value;
 use std::borrow::Cow;
 use supertwin_core::digest::block_digest;
+use supertwin_core::event::EventCommand;
 use supertwin_core::observe::Snapshot;
-use supertwin_core::run::Severity;
-use supertwin_core::{Event, Observe, OperatorLink, Wired};
+use supertwin_core::{Event, EventKind, Observe, OperatorLink, Severity, Wired};
 use supertwin_protocol::envelope::encode;
 use supertwin_protocol::fault::Fault;
 use supertwin_protocol::payload::Applied;
@@ -33,9 +33,10 @@ impl<B: Wired + 'static> Host<B> {
         let link = if lease.operator_lost(now) || silent { OperatorLink::Lost } else { OperatorLink::Present };
         if core::mem::replace(&mut self.operator_was, link) != link {
             match link {
-                OperatorLink::Lost if silent => self.note(Severity::Warning, "deadman: set-points stopped".to_owned()),
-                OperatorLink::Lost => self.note(Severity::Warning, "operator lost".to_owned()),
-                OperatorLink::Present => self.note(Severity::Info, "operator present".to_owned()),
+                OperatorLink::Lost => {
+                    self.note(Severity::Warning, EventKind::OperatorLost { setpoints_stopped: silent });
+                }
+                OperatorLink::Present => self.note(Severity::Info, EventKind::OperatorPresent),
             }
         }
         link
@@ -44,27 +45,30 @@ impl<B: Wired + 'static> Host<B> {
     pub(super) fn apply(&mut self, k: u64) -> Vec<Value> {
         let mut applied = Vec::new();
         for waiting in self.desk.due(k) {
-            let text = serde_json::to_value(&waiting.command).unwrap_or(Value::Null);
-            let said = waiting.by.as_ref().map_or_else(|| text.to_string(), |by| format!("{text} by {by}"));
+            let json = serde_json::to_value(&waiting.command).unwrap_or(Value::Null);
+            let command = EventCommand::new(B::NAME, json.clone(), waiting.by.clone());
             // Missions speak with the voice they have in batch.
             let service = if waiting.by.is_some() { B::NAME } else { "mission" };
-            let streaming = waiting.by.as_ref().is_some_and(|by| by.ends_with("streaming"));
-            let (severity, text_of_event) = match self.block.command(self.tick(k), &waiting.command) {
+            let streaming = waiting.by.as_ref().is_some_and(|by| by.seq.is_none());
+            let (severity, what) = match self.block.command(self.tick(k), &waiting.command) {
                 Ok(()) => {
                     self.desk.counts.applied += 1;
                     if waiting.name.starts_with("parameter") {
                         self.tell_parameters();
                     }
-                    let value = text.get(&waiting.name).unwrap_or(&text).clone();
-                    self.tell_state(waiting.name, &Applied { value, applied_tick: k, by: waiting.by });
-                    applied.push(text);
-                    (Severity::Info, format!("command applied: {said}"))
+                    let value = json.get(&waiting.name).unwrap_or(&json).clone();
+                    let by = waiting.by.map(|by| by.to_string());
+                    self.tell_state(waiting.name, &Applied { value, applied_tick: k, by });
+                    applied.push(json);
+                    (Severity::Info, EventKind::CommandApplied { command })
                 }
-                Err(refusal) => (Severity::Error, format!("command refused: {said}: {refusal}")),
+                Err(refusal) => {
+                    let reason = refusal.to_string();
+                    (Severity::Error, EventKind::CommandRefused { command, session: None, reason, so_far: None })
+                }
             };
             if !streaming || severity > Severity::Info {
-                let text = Cow::Owned(text_of_event);
-                self.tell(&Event { tick: k, service: Cow::Borrowed(service), severity, text });
+                self.tell(&Event { tick: k, service: Cow::Borrowed(service), severity, what });
             }
         }
         applied
@@ -95,11 +99,11 @@ impl<B: Wired + 'static> Host<B> {
             && let Some(path) = not_finite(&self.block, &out)
         {
             self.steps.not_finite += 1;
-            let text = format!("tick {k}: {path} is NaN or infinite; not sent");
+            let what = |so_far| EventKind::NotFinite { at_tick: k, signal: Cow::Borrowed(path), so_far };
             if self.lock_step() {
-                self.fail(text);
+                self.fail_by(what(None));
             } else {
-                self.refused(&text);
+                self.refused("", |_, so_far| what(Some(so_far)));
             }
             return;
         }

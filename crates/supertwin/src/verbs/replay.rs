@@ -163,7 +163,7 @@ fn what_if(
     ));
     say_inexact(&what_if.blocks);
     for event in &what_if.refused {
-        terminal::warn(&format!("warning: tick {}: {}: {}", event.tick, event.service, event.text));
+        terminal::warn(&format!("warning: tick {}: {}: {}", event.tick, event.service, event.what));
     }
     match (original, scores) {
         (Some(original), Ok(scores)) => terminal::print(&table(original, scores)),
@@ -262,7 +262,7 @@ fn closed_loop(
         ));
     }
     for event in &outcome.refused {
-        terminal::warn(&format!("warning: tick {}: {}", event.tick, event.text));
+        terminal::warn(&format!("warning: tick {}: {}", event.tick, event.what));
     }
     if let Some(original) = original {
         terminal::print(&table(original, &outcome.scores));

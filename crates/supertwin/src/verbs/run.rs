@@ -91,7 +91,7 @@ pub(crate) fn run(arguments: &RunArguments, library: &Library) -> Result<ExitCod
     for run in &done {
         for event in &run.refused {
             let t_s = event.tick as f64 * run.tick_s;
-            terminal::warn(&format!("warning: {} seed {} at {t_s:.2} s: {}", run.trial, run.seed, event.text));
+            terminal::warn(&format!("warning: {} seed {} at {t_s:.2} s: {}", run.trial, run.seed, event.what));
         }
     }
     if interrupted {

@@ -7,8 +7,7 @@ use comfy_table::{CellAlignment, ContentArrangement, Table};
 use serde_json::json;
 use std::path::PathBuf;
 use std::process::ExitCode;
-use supertwin_core::run::Severity;
-use supertwin_core::{Event, Property};
+use supertwin_core::{Event, Property, Severity};
 use supertwin_lab::paper::ROWS;
 use supertwin_operations::OperationError;
 use supertwin_operations::inspect::{Inspection, RecordedScores, RecordedSignal, TickGap, inspect};
@@ -165,7 +164,7 @@ fn events_text(recording: &Recording) -> String {
             Severity::Warning => "warning: ",
             Severity::Error => "error: ",
         };
-        text += &format!("\n  tick {:>7}  {}: {severity}{}", event.tick, event.service, event.text);
+        text += &format!("\n  tick {:>7}  {}: {severity}{}", event.tick, event.service, event.what);
     }
     text
 }

@@ -3,8 +3,8 @@
 use super::super::laps::{Entered, Part};
 use super::{ASK, Kept, ROOM, Run, Vehicle, WIRES};
 use std::time::Duration;
-use supertwin_core::Event;
-use supertwin_core::run::{Properties, Severity};
+use supertwin_core::run::Properties;
+use supertwin_core::{Event, EventKind, Severity};
 use supertwin_protocol::payload::Stop;
 use supertwin_protocol::{Description, Health, Heard, decode, head, telemetry};
 use supertwin_zenoh::Inbox;
@@ -37,10 +37,11 @@ impl Vehicle {
         }
     }
 
-    fn refuse(&mut self, what: &str, now: Duration) {
+    fn refuse(&mut self, message: &str, why: &impl std::fmt::Display, now: Duration) {
         self.account.refused += 1;
-        if self.account.may_complain(what, now) {
-            self.tell(Severity::Warning, what.to_owned());
+        let what = EventKind::MessageRefused { message: message.to_owned(), reason: why.to_string(), so_far: None };
+        if self.account.may_complain(&what.to_string(), now) {
+            self.tell(Severity::Warning, what);
         }
     }
 
@@ -64,7 +65,7 @@ impl Vehicle {
         let now = self.shared.clock.now();
         let envelope = match telemetry::read(&heard.payload) {
             Ok(envelope) => envelope,
-            Err(rejected) => return self.refuse(&format!("telemetry of {}: {rejected}", RING[service]), now),
+            Err(rejected) => return self.refuse(&format!("telemetry of {}", RING[service]), &rejected, now),
         };
         let clocks = self.clocks(envelope.clock_ns, heard.at);
         let digest = envelope.digest.as_deref().and_then(|digest| u64::from_str_radix(digest, 16).ok());
@@ -98,7 +99,7 @@ impl Vehicle {
                     self.account.refused += 1;
                 }
             }
-            Err(rejected) => self.refuse(&format!("event: {rejected}"), now),
+            Err(rejected) => self.refuse("event", &rejected, now),
         }
     }
 
@@ -109,7 +110,7 @@ impl Vehicle {
         }
         match serde_json::from_slice::<Health>(&heard.payload) {
             Ok(health) => self.account.health(service, health),
-            Err(error) => self.refuse(&format!("health of {service}: {error}"), now),
+            Err(error) => self.refuse(&format!("health of {service}"), &error, now),
         }
     }
 
@@ -127,7 +128,7 @@ impl Vehicle {
         match name {
             "signals" => match serde_json::from_slice::<Vec<Description<'_>>>(&heard.payload) {
                 Ok(descriptions) => self.catalogue.learn(&descriptions),
-                Err(error) => self.refuse(&format!("signals of {service}: {error}"), now),
+                Err(error) => self.refuse(&format!("signals of {service}"), &error, now),
             },
             "run" => match serde_json::from_slice::<Properties>(&heard.payload) {
                 Ok(properties) if RING.contains(&service) => {
@@ -141,7 +142,7 @@ impl Vehicle {
                     }
                 }
                 Ok(_) => {}
-                Err(error) => self.refuse(&format!("properties of {service}: {error}"), now),
+                Err(error) => self.refuse(&format!("properties of {service}"), &error, now),
             },
             _ => {
                 if let Ok(words) = String::from_utf8(heard.payload.clone()) {
@@ -163,7 +164,7 @@ impl Vehicle {
                 let clocks = self.clocks(head.clock_ns, heard.at);
                 (head.run.into_owned(), head.source.into_owned(), head.seq, head.tick, clocks)
             }
-            Err(rejected) => return self.refuse(&format!("{key}: {rejected}"), now),
+            Err(rejected) => return self.refuse(key, &rejected, now),
         };
         let Some(active) = &mut self.run else {
             if self.wires.len() < ROOM {
@@ -184,8 +185,9 @@ impl Vehicle {
                 if gap > 0 {
                     *active.wire_missing.entry(key.to_owned()).or_default() += gap;
                     if self.account.may_complain(&format!("gap in {key}"), now) {
-                        let text = format!("gap: {gap} messages of {key} before tick {tick} are not recorded");
-                        self.tell(Severity::Warning, text);
+                        let key = key.to_owned();
+                        let gap = EventKind::NotRecorded { key, messages: gap, after_tick: None, before_tick: tick };
+                        self.tell(Severity::Warning, gap);
                     }
                 }
             }

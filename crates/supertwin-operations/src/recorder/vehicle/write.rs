@@ -9,10 +9,10 @@ use serde_json::json;
 use std::collections::BTreeMap;
 use std::time::Duration;
 use supertwin_core::message::{Measurements, Message as _, Nav, Reference, SignalValues, Thrust};
-use supertwin_core::run::{FORMAT, Properties, Property, Severity};
-use supertwin_core::{Observe as _, Probe as _, RunHeader, Signal, Tick};
+use supertwin_core::run::{FORMAT, Properties, Property};
+use supertwin_core::{EventKind, Observe as _, Probe as _, RunHeader, Severity, Signal, Tick};
 use supertwin_lab::Tracking;
-use supertwin_protocol::Shape;
+use supertwin_protocol::{Shape, keys};
 use supertwin_zenoh::Inbox;
 use supertwin_zenoh::witness::RING;
 
@@ -80,8 +80,7 @@ impl Vehicle {
         let (folder, live) = (self.shared.folder.clone(), self.shared.live.as_ref());
         run.keep = Some(Keep::begin(header, folder, live, self.shared.rotation, now));
         if undescribed {
-            let text = "the run's configuration is not known: nobody answered for it".to_owned();
-            self.tell(Severity::Warning, text);
+            self.tell(Severity::Warning, EventKind::ConfigurationUnknown);
         }
     }
 
@@ -115,8 +114,8 @@ impl Vehicle {
         for (service, gap) in gaps {
             // One that is too slow loses something at every tick: said once a second, counted in any case.
             if self.account.may_complain(&format!("gap in {service}"), now) {
-                let what = format!("{gap} messages of telemetry/{service} between ticks {before} and {}", lap.tick);
-                self.tell(Severity::Warning, format!("gap: {what} are not recorded"));
+                let (key, after_tick, before_tick) = (keys::telemetry(service), Some(before), lap.tick);
+                self.tell(Severity::Warning, EventKind::NotRecorded { key, messages: gap, after_tick, before_tick });
             }
         }
         // What came too late is older than this one: labels keep their order.
@@ -174,8 +173,9 @@ impl Vehicle {
         }
         for (service, gap) in gaps {
             if self.account.may_complain(&format!("gap in {service}"), now) {
-                let what = format!("{gap} messages of telemetry/{service} before tick {until}");
-                self.tell(Severity::Warning, format!("gap: {what} are not recorded"));
+                let (key, before_tick) = (keys::telemetry(service), until);
+                let gap = EventKind::NotRecorded { key, messages: gap, after_tick: None, before_tick };
+                self.tell(Severity::Warning, gap);
             }
         }
     }
