@@ -284,7 +284,7 @@ fn every_test_can_fail() {
 #[test]
 fn nobody_reads_a_sentence() {
     // An event is data; its sentence is made in one place and is for people. Old recordings have nothing but sentences.
-    const MAKES: &str = "supertwin-core/src/event.rs";
+    const MAKES: &str = "supertwin-core/src/event/sentence.rs";
     const READS_OLD_ONES: &str = "supertwin-rerun/src/event.rs";
     const READING: [&str; 7] =
         ["starts_with(", "ends_with(", "contains(", "find(", "split_once(", "strip_prefix(", "strip_suffix("];
@@ -297,7 +297,7 @@ fn nobody_reads_a_sentence() {
     let mut read = 0;
     for path in sources(&root().join("crates")) {
         let place = path.display().to_string();
-        if !place.contains("/src/") || place.ends_with(MAKES) || place.ends_with(READS_OLD_ONES) {
+        if !place.contains("/src/") || [MAKES, READS_OLD_ONES, "/tests.rs"].iter().any(|end| place.ends_with(end)) {
             continue;
         }
         let code: String = code(&path).lines().flat_map(|line| line.split("//").next()).map(str::trim).collect();
