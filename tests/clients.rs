@@ -155,11 +155,11 @@ fn a_depth_is_reached_and_one_beyond_the_limits_is_refused() {
 }
 
 #[test]
-fn the_program_in_the_readme_works_as_it_stands_there() {
+fn the_program_of_the_tutorial_works_as_it_stands_there() {
     let twin = Twin::up(&["--rtf", "5"]);
     let telemetry = twin.listen(&["telemetry/guidance"]);
-    let readme = include_str!("../README.md");
-    let (_, program) = readme.split_once("```python\nimport json, zenoh").unwrap();
+    let page = include_str!("../docs/src/tutorials/network.md");
+    let (_, program) = page.split_once("```python\nimport json, zenoh").unwrap();
     let (program, _) = program.split_once("```").unwrap();
     let shown = "unixsock-stream//tmp/supertwin/router.sock";
     assert!(program.contains(shown));

@@ -316,13 +316,14 @@ fn nobody_reads_a_sentence() {
 
 #[test]
 fn the_top_level_holds_what_a_reader_expects_and_nothing_else() {
-    const EXPECTED: [&str; 19] = [
+    const EXPECTED: [&str; 20] = [
         "Cargo.toml",
         "Cargo.lock",
         "crates",
         "config",
         "tests",
         "dashboards",
+        "docs",
         "README.md",
         "ARCHITECTURE.md",
         "CHANGELOG.md",
@@ -341,7 +342,7 @@ fn the_top_level_holds_what_a_reader_expects_and_nothing_else() {
         let name = entry.unwrap().file_name().into_string().unwrap();
         assert!(EXPECTED.contains(&name.as_str()), "{name} does not belong on the top level");
     }
-    for needed in ["README.md", "ARCHITECTURE.md", "CHANGELOG.md", "LICENSE-MIT", "LICENSE-APACHE", ".ci/run"] {
+    for needed in ["README.md", "ARCHITECTURE.md", "CHANGELOG.md", "docs/book.toml", "LICENSE-MIT", "LICENSE-APACHE", ".ci/run"] {
         assert!(root().join(needed).is_file(), "{needed} is missing");
     }
 }

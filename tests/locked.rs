@@ -1,54 +1,19 @@
-//! From nothing to a locked vehicle, by the commands of the README and as they stand there: in a network of its own, at
-//! the README's addresses.
+//! From nothing to a locked vehicle, by the commands of the tutorial and as they stand there: in a network of its own, at
+//! the tutorial's addresses.
 
+use crate::support::console::{Step, apart, left_running, steps};
 use crate::support::{CONFIG, Place, Process};
 use std::fmt::Write;
 use std::fs;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::Command;
 
-const README: &str = include_str!("../README.md");
+const PAGE: &str = include_str!("../docs/src/tutorials/locked.md");
 const TOP: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../..");
 const SUPERTWIN: &str = env!("CARGO_BIN_EXE_supertwin");
-/// Where the README's vehicle is.
+/// Where the tutorial's vehicle is.
 const ADDRESS: &str = "192.168.2.2";
-
-/// Commands of a section, without the prompts that say on which machine.
-fn commands(section: &str) -> Vec<String> {
-    let (_, rest) = README.split_once(&format!("\n## {section}\n")).expect("there is such a section");
-    let section = rest.split("\n## ").next().expect("has an end");
-    let mut found = Vec::new();
-    for block in section.split("```console\n").skip(1) {
-        let block = block.split("```").next().expect("has an end");
-        for line in block.lines() {
-            let (prompt, command) = line.split_once("$ ").unwrap_or_else(|| panic!("no command: {line}"));
-            assert!(["", "vehicle", "topside"].contains(&prompt), "no prompt: {line}");
-            found.push(command.to_owned());
-        }
-    }
-    found
-}
-
-/// Processes that a command leaves running, each of which says that it is up.
-fn left_running(command: &str) -> usize {
-    let each = |words: &str| words.split(';').next().map_or(0, |words| words.split_whitespace().count());
-    match command.split_once("for service in ") {
-        Some((_, words)) => each(words),
-        None => usize::from(command.ends_with('&')),
-    }
-}
-
-/// The program that enters a network of its own and a folder for sockets of its own, if the machine allows it.
-fn apart() -> Option<[&'static str; 3]> {
-    let mine = "mkdir -p /tmp/supertwin && mount -t tmpfs -o mode=700 none /tmp/supertwin && ip link set lo up";
-    let ways = [["unshare", "-nm", "bash"], ["unshare", "-rnm", "bash"]];
-    ways.into_iter().find(|[program, flags, shell]| {
-        let mut command = Command::new(program);
-        command.args([flags, shell, "-c", mine]).stdout(Stdio::null()).stderr(Stdio::null());
-        command.status().is_ok_and(|status| status.success())
-    })
-}
 
 /// A free port of this machine, for those who can't have a network of their own.
 fn free_port() -> u16 {
@@ -65,8 +30,12 @@ fn python(place: &Place) -> PathBuf {
 }
 
 #[test]
-fn the_commands_of_the_readme_lock_a_vehicle_and_steer_it_from_python() {
-    let commands = commands("Locked");
+fn the_commands_of_the_tutorial_lock_a_vehicle_and_steer_it_from_python() {
+    let command = |step| match step {
+        Step::Command { line, answer } if answer.is_empty() => line,
+        other => panic!("no command: {other:?}"),
+    };
+    let commands: Vec<String> = steps(PAGE).into_iter().map(command).collect();
     assert!((5..=10).contains(&commands.len()), "at most ten commands: {commands:#?}");
     let place = Place::new();
     let bin = python(&place);

@@ -5,6 +5,7 @@ mod cli;
 mod clients;
 mod compare;
 mod dashboards;
+mod documents;
 mod locked;
 mod network;
 mod pki;

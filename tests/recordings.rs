@@ -178,12 +178,14 @@ fn a_comparison_is_not_shown_as_if_it_were_a_run() {
     }
 }
 
+/// How recordings are read, with Python among others.
+const PAGE: &str = include_str!("../docs/src/how-to/recordings.md");
+
 #[test]
-fn the_python_program_in_the_readme_works_as_it_stands_there() {
+fn the_python_program_of_the_book_works_as_it_stands_there() {
     let folder = tempfile::tempdir().unwrap();
     said(folder.path(), &["run", "paper-agsta", "--set", "trial.duration_s=20"]);
-    let readme = include_str!("../README.md");
-    let (_, program) = readme.split_once("```python\nfrom rerun").unwrap();
+    let (_, program) = PAGE.split_once("```python\nfrom rerun").unwrap();
     let program = format!("from rerun{}", program.split_once("```").unwrap().0);
     assert_eq!(program.trim().lines().count(), 5);
     let printed: f64 = python::say(folder.path(), &program, &[]).trim().parse().unwrap();
@@ -192,7 +194,7 @@ fn the_python_program_in_the_readme_works_as_it_stands_there() {
     assert_eq!(printed, depth.map(|row| (row[0] - row[1]).abs()).fold(0.0, f64::max));
 }
 
-/// A folder of runs as a table, and a signal of all of them: the program in the README.
+/// A folder of runs as a table, and a signal of all of them: the program of the same page.
 const BROWSE: &str = include_str!("support/browse.py");
 
 #[test]
@@ -200,7 +202,7 @@ fn a_folder_of_recordings_is_a_table_with_the_properties_as_columns() {
     let folder = tempfile::tempdir().unwrap();
     said(folder.path(), &["run", "fair", "--seeds", "2", "--set", "trial.duration_s=24"]);
     let runs = folder.path().join("runs/0001");
-    assert!(include_str!("../README.md").contains(BROWSE.trim()), "the README shows another program");
+    assert!(PAGE.contains(BROWSE.trim()), "the book shows another program");
     let printed = python::say(folder.path(), BROWSE, &[]);
     let (table, largest) = printed.trim_end().rsplit_once('\n').unwrap();
     let largest: BTreeMap<String, f64> = serde_json::from_str(largest).unwrap();

@@ -287,7 +287,7 @@ fn bad_sweeps_are_named_with_their_line_and_write_nothing() {
     assert!(help.contains("Examples:") && help.contains("Exit status"), "{help}");
 }
 
-/// The packages of `tests/clients/sweep_dask.py`, and of the query that README shows.
+/// The packages of `tests/clients/sweep_dask.py`, and of a query like the one in the book.
 const PACKAGES: [&str; 2] = ["distributed==2026.8.0", "duckdb==2.0.1"];
 
 #[test]
@@ -315,7 +315,7 @@ fn a_dask_cluster_gives_the_table_of_one_machine_and_duckdb_reads_it() {
     let again = start().finish();
     assert!(again.err.contains("exists already; use --force"), "{again:?}");
 
-    // README's query.
+    // A query like the one in the book.
     let query = r#"
 import duckdb
 print(duckdb.sql('''

@@ -1,7 +1,10 @@
-//! What the tests share: processes that end with their test, who listens to a vehicle, a tether to be cut.
+//! What the tests share: pages of the book and what they show, processes that end with their test, who listens to a
+//! vehicle, a tether to be cut.
 #![allow(unreachable_pub, reason = "is for all modules of the program")]
 
+pub mod console;
 mod listener;
+pub mod page;
 mod process;
 pub mod python;
 mod tether;

@@ -1,8 +1,11 @@
 //! Numbers that carry their rule: a value of these types is legal, and illegal input names the rule it breaks.
 //!
 //! Deserialising refuses the value at its place, so that a configuration error points at line and column.
+//! In JSON Schemas the rule is the keyword `rule`, which is ours.
 
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 
 /// A number that breaks the rule of its type.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
@@ -37,6 +40,12 @@ macro_rules! checked {
 
         impl From<$name> for f64 {
             fn from(x: $name) -> f64 { x.0 }
+        }
+
+        impl JsonSchema for $name {
+            fn inline_schema() -> bool { true }
+            fn schema_name() -> Cow<'static, str> { stringify!($name).into() }
+            fn json_schema(_: &mut SchemaGenerator) -> Schema { json_schema!({ "type": "number", "rule": $rule }) }
         }
     };
 }
@@ -109,6 +118,18 @@ impl TryFrom<[f64; 2]> for Interval {
         } else {
             Err(NotOrdered { low, high })
         }
+    }
+}
+
+impl JsonSchema for Interval {
+    fn inline_schema() -> bool {
+        true
+    }
+    fn schema_name() -> Cow<'static, str> {
+        "Interval".into()
+    }
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({ "type": "array", "rule": "[low, high], finite and in order" })
     }
 }
 

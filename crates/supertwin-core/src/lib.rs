@@ -10,6 +10,18 @@
 //! * [`RunSink`] and [`RunSource`]: where a run is written to and read from, without naming a file format.
 //!
 //! Conventions: SI units, radians, seconds; frame {n} is North-East-Down, frame {b} is forward-starboard-down.
+//!
+//! A value that was made at tick 7, looked at in tick 10:
+//!
+//! ```
+//! use supertwin_core::{Input, Tick};
+//!
+//! let now = Tick { k: 10, dt_s: 0.02 };
+//! let depth = Input::Held { value: 3.5, made_at: 7 };
+//! assert_eq!(depth.age_ticks(now), Some(3));
+//! assert_eq!(depth.within(now, 3), Some(3.5));
+//! assert_eq!(depth.within(now, 2), None); // too old where two ticks are allowed
+//! ```
 
 pub mod axes;
 pub mod block;

@@ -4,7 +4,9 @@ use nalgebra::SVector;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Exp1, StandardNormal};
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Deserializer, Serialize};
+use std::borrow::Cow;
 
 /// A random stream that belongs to one named consumer of one seeded run.
 #[derive(Clone, Debug)]
@@ -82,6 +84,18 @@ impl Draw {
 impl From<Draw> for [f64; 2] {
     fn from(draw: Draw) -> Self {
         [draw.low, draw.high]
+    }
+}
+
+impl JsonSchema for Draw {
+    fn inline_schema() -> bool {
+        true
+    }
+    fn schema_name() -> Cow<'static, str> {
+        "Draw".into()
+    }
+    fn json_schema(_: &mut SchemaGenerator) -> Schema {
+        json_schema!({ "type": "number", "rule": "finite; or a range [low, high] that each seed draws from" })
     }
 }
 

@@ -1,12 +1,13 @@
 //! Control allocation: a wrench into thruster forces that exist.
 
 use nalgebra::Vector4;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use supertwin_core::check::{Fraction, NonNegative};
 use supertwin_model::thrusters::{Forces, Thrusters};
 
 /// When an axis counts as limited, as it stands in a vehicle file.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AllocationConfig {
     /// Newtons (newton metres in yaw) by which allocation may change an axis before it counts as limited, plus the share.

@@ -10,6 +10,7 @@
 //! IFAC Proceedings Volumes 45(27):85-90, 2012 (the paper's reference 21); structure only, the numbers are ours.
 
 use nalgebra::{SMatrix, SVector, Vector4};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use supertwin_core::check::Positive;
 use supertwin_core::frame::ssa;
@@ -32,7 +33,7 @@ pub type State = SVector<f64, STATES>;
 pub type Covariance = SMatrix<f64, STATES, STATES>;
 
 /// Process noise and initial uncertainty, as they stand in an estimator file.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct EkfConfig {
     /// Power spectral densities of the process noise: unit of the state squared, per second.
@@ -44,7 +45,7 @@ pub struct EkfConfig {
 }
 
 /// One positive number per state.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct StateWise {
     /// Depth.

@@ -3,6 +3,7 @@
 use crate::ekf::{B, Ekf, EkfConfig, Innovation, NU, PSI, Z};
 use crate::net_plane::{NetPlane, NetPlaneConfig};
 use nalgebra::{Vector3, Vector4};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use supertwin_core::check::{NonNegative, Positive};
 use supertwin_core::command::EstimatorCommand;
@@ -14,7 +15,7 @@ use supertwin_core::{
 use supertwin_model::Hydrodynamics;
 
 /// An estimator file.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct EstimatorConfig {
     /// What it is and where its numbers come from.
@@ -28,7 +29,7 @@ pub struct EstimatorConfig {
 }
 
 /// Standard deviations and gates of the measurement updates.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MeasurementConfig {
     /// DVL velocity components.
@@ -42,7 +43,7 @@ pub struct MeasurementConfig {
 }
 
 /// Trust in one sensor.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SensorTrust {
     /// Standard deviation that the filter assumes, in the sensor's unit.
@@ -61,7 +62,7 @@ impl SensorTrust {
 }
 
 /// How old inputs may get, in seconds, before the estimator says so.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct EstimatorLimits {
     /// A held thrust command older than this counts as none.

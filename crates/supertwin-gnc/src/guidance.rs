@@ -2,6 +2,7 @@
 
 use crate::los::{DesiredVelocity, LineOfSight, PortSign};
 use crate::reference_model::{ReferenceModel, ReferenceModelConfig};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use supertwin_core::check::{Interval, NonNegative, Positive};
 use supertwin_core::command::{GuidanceCommand, Setpoint, Trajectory};
@@ -12,7 +13,7 @@ use supertwin_core::{
 };
 
 /// A guidance file.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct GuidanceConfig {
     /// What it is and where its numbers come from.
@@ -30,7 +31,7 @@ pub struct GuidanceConfig {
 }
 
 /// Reference models of the four quantities.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ReferenceModels {
     /// Surge and sway, in m/s: the rate is an acceleration.
@@ -42,7 +43,7 @@ pub struct ReferenceModels {
 }
 
 /// Bounds of the set-points; a command outside them is refused.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SetpointLimits {
     /// Shallowest and deepest.
@@ -54,7 +55,7 @@ pub struct SetpointLimits {
 }
 
 /// Set-points that hold until a command changes them. Depth and heading start where the vehicle is.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct InitialSetpoints {
     /// Distance to the net.

@@ -1,10 +1,11 @@
 //! Line-of-sight guidance along a net, paper eq. (25)-(27).
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use supertwin_core::message::Direction;
 
 /// Which sign the cross-track term has when the vehicle travels to port.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum PortSign {
     /// Drives towards the desired distance in both directions.

@@ -1,11 +1,12 @@
 //! Reference models: smooth references with bounded rate and acceleration (Fossen 2021, ch. 12).
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use supertwin_core::check::Positive;
 use supertwin_core::frame::ssa;
 
 /// Parameters of a reference model, in the unit of its quantity.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ReferenceModelConfig {
     /// Natural frequency of the critically damped second-order system.

@@ -1,12 +1,13 @@
 //! Limits on metrics: a file that says which runs pass.
 
 use crate::metrics::{MetricName, Selection};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use supertwin_core::check::Finite;
 
 /// A file of limits.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Limits {
     /// What they are for, and where their numbers come from.
@@ -16,7 +17,7 @@ pub struct Limits {
 }
 
 /// One metric between its bounds.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Limit {
     /// Which metric.

@@ -13,6 +13,7 @@ pub use evaluate::{Evaluated, MetricsError, evaluate};
 
 use crate::config::suggestion;
 use crate::statistics::Better;
+use schemars::JsonSchema;
 use serde::{Deserialize, Deserializer, Serialize};
 use std::collections::BTreeSet;
 use std::sync::LazyLock;
@@ -360,7 +361,7 @@ fn fits(name: &str, pattern: &str) -> bool {
 }
 
 /// The name of a metric in a file.
-#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, JsonSchema)]
 #[serde(transparent)]
 pub struct MetricName(String);
 

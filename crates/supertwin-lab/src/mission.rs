@@ -1,12 +1,13 @@
 //! Missions: timed commands of the same type that network clients send.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use supertwin_core::Tick;
 use supertwin_core::check::NonNegative;
 use supertwin_core::command::{Command, ControllerCommand, EstimatorCommand, GuidanceCommand, PlantCommand};
 
 /// A command and its time.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MissionStep {
     /// Seconds from the start of the run.

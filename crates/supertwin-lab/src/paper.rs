@@ -1,9 +1,10 @@
 //! What the paper measured in the field: table IV.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// Columns of the paper's table IV.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum PaperColumn {
     /// Case study 1.

@@ -2,6 +2,7 @@
 
 use crate::mission::MissionStep;
 use crate::paper::PaperColumn;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use supertwin_core::Tick;
@@ -15,7 +16,7 @@ pub use supertwin_plant::{EnvironmentConfig, SensorsConfig};
 use supertwin_plant::{PropulsionConfig, StartConfig, UnmodelledConfig};
 
 /// A trial file.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TrialConfig {
     /// What it is and where its numbers come from.
@@ -78,7 +79,7 @@ impl TrialConfig {
 }
 
 /// The part of a run that is scored.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ScoreWindow {
     /// From here to the end.
@@ -86,7 +87,7 @@ pub struct ScoreWindow {
 }
 
 /// A vehicle file.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct VehicleConfig {
     /// What it is and where its numbers come from.
@@ -117,7 +118,7 @@ impl VehicleConfig {
 }
 
 /// A safety file: how old inputs may get, and what then.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SafetyConfig {
     /// What it is and where its numbers come from.
@@ -137,7 +138,7 @@ pub struct SafetyConfig {
 }
 
 /// How long people and programs in command may be silent.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct OperatorLimits {
     /// Between two samples of a streaming set-point (a joystick): after this the vehicle holds depth and heading.
@@ -145,7 +146,7 @@ pub struct OperatorLimits {
 }
 
 /// Ages of the plant's inputs.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PlantLimits {
     /// Of the thrust command.
@@ -153,7 +154,7 @@ pub struct PlantLimits {
 }
 
 /// Ages of guidance's inputs.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct GuidanceLimits {
     /// Of navigation: the reference stops moving.

@@ -7,6 +7,9 @@ mod common;
 mod compare;
 mod corpus;
 mod field_trials;
+#[path = "../../../tests/support/page.rs"]
+mod page;
+mod reference;
 mod replay;
 mod rescore;
 mod safety;

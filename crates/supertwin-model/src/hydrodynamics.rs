@@ -1,11 +1,12 @@
 //! Inertia, Coriolis and centripetal terms, damping and buoyancy of a vehicle with three planes of symmetry.
 
 use nalgebra::{Matrix4, Vector4};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use supertwin_core::check::{Finite, NonNegative, Positive};
 
 /// Parameters of the equation of motion, as they stand in a vehicle file.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct HydrodynamicsConfig {
     /// The body itself.
@@ -21,7 +22,7 @@ pub struct HydrodynamicsConfig {
 }
 
 /// Mass and moment of inertia.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RigidBody {
     /// Mass in air.
@@ -31,7 +32,7 @@ pub struct RigidBody {
 }
 
 /// Water that moves with the body.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[allow(missing_docs, reason = "the field names carry axis and unit")]
 pub struct AddedMass {
@@ -42,7 +43,7 @@ pub struct AddedMass {
 }
 
 /// Force per unit of speed.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[allow(missing_docs, reason = "the field names carry axis and unit")]
 pub struct LinearDamping {
@@ -53,7 +54,7 @@ pub struct LinearDamping {
 }
 
 /// Force per unit of speed squared.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[allow(missing_docs, reason = "the field names carry axis and unit")]
 pub struct QuadraticDamping {

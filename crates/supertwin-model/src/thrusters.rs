@@ -1,6 +1,7 @@
 //! Where the thrusters sit and what they can do: the configuration matrix `B` of `tau = B f`.
 
 use nalgebra::{Matrix4, SMatrix, SVector, Vector3, Vector4};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use supertwin_core::check::{Finite, Positive};
 use supertwin_core::message::MAX_THRUSTERS;
@@ -9,7 +10,7 @@ use supertwin_core::message::MAX_THRUSTERS;
 pub type Forces = SVector<f64, MAX_THRUSTERS>;
 
 /// Thrusters that are scaled down together when one of them saturates.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Group {
     /// Surge, sway, yaw.
@@ -19,7 +20,7 @@ pub enum Group {
 }
 
 /// One thruster of a vehicle file.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ThrusterConfig {
     /// Name for people.

@@ -2,6 +2,7 @@
 
 use arrayvec::ArrayVec;
 use nalgebra::Vector3;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use supertwin_core::check::{Finite, NonNegative, Positive};
 use supertwin_core::random::{Draw, Stream};
@@ -13,7 +14,7 @@ pub const MAX_UNDULATIONS: usize = 4;
 const CORRECTIONS: usize = 3;
 
 /// Pen of an environment file.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CageConfig {
     /// Radius at rest.
@@ -33,7 +34,7 @@ pub struct CageConfig {
 }
 
 /// A fold of the net: `amplitude cos(lobes θ + wavenumber z)`.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct UndulationConfig {
     /// Amplitude of the radius.

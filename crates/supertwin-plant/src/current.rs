@@ -1,12 +1,13 @@
 //! Current inside the pen: a profile that weakens and veers with depth, and slow fluctuations.
 
 use nalgebra::{Vector2, Vector3};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use supertwin_core::check::{Finite, NonNegative, Positive};
 use supertwin_core::random::{Draw, OrnsteinUhlenbeck, Stream};
 
 /// Current of an environment file.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CurrentConfig {
     /// Mean speed at the surface.

@@ -3,11 +3,12 @@
 use crate::cage::CageConfig;
 use crate::current::CurrentConfig;
 use crate::waves::WavesConfig;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use supertwin_core::check::{NonNegative, Positive};
 
 /// One sea and one net pen.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct EnvironmentConfig {
     /// What it is and where its numbers come from.
@@ -23,7 +24,7 @@ pub struct EnvironmentConfig {
 }
 
 /// The tether pulls at random: an Ornstein-Uhlenbeck force in body axes.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[allow(missing_docs, reason = "the field names carry axis and unit")]
 pub struct TetherConfig {

@@ -7,6 +7,16 @@
 //! `nu_f` is the velocity of the water in body axes (Fossen 2021, ch. 10). The vehicle is taken as neutrally buoyant
 //! in this respect, so that Froude-Krylov and added-mass wave forces together are `M d/dt nu_f`.
 //! Nothing in `supertwin-gnc` can name this crate: no estimator and no controller can read the truth.
+//!
+//! The whole [`Plant`] is built from files, by `supertwin-lab`. A part of it by itself, the spectrum of the waves:
+//!
+//! ```
+//! use supertwin_plant::waves::jonswap_shape;
+//!
+//! // At its peak a young sea (γ = 3.3) has 3.3 times the energy of a fully grown one (γ = 1).
+//! let ratio = jonswap_shape(1.0, 3.3) / jonswap_shape(1.0, 1.0);
+//! assert!((ratio - 3.3).abs() < 1e-12);
+//! ```
 #![allow(non_snake_case, reason = "matrices are capitals, as in the book")]
 
 pub mod cage;

@@ -7,6 +7,7 @@ use crate::propulsion::{Propulsion, PropulsionConfig};
 use crate::sensors::{Compass, DepthSensor, Dvl, DvlScene, Gyro, SensorsConfig};
 use crate::waves::{WaveMotion, Waves};
 use nalgebra::{SVector, Vector3, Vector4};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use supertwin_core::check::Finite;
 use supertwin_core::command::PlantCommand;
@@ -25,7 +26,7 @@ use supertwin_model::{Hydrodynamics, Thrusters};
 const GRAVITY_M_PER_S2: f64 = 9.81;
 
 /// What no nominal model contains.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct UnmodelledConfig {
     /// Sway thrust turns the vehicle through this arm.
@@ -33,7 +34,7 @@ pub struct UnmodelledConfig {
 }
 
 /// Where the vehicle starts; ranges are drawn from per seed.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct StartConfig {
     /// Bearing from the pen's axis.

@@ -1,6 +1,7 @@
 //! What the thrusters make of their commands: transport delay, dead band, saturation, lag, faults.
 
 use nalgebra::Vector4;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use supertwin_core::check::{NonNegative, Positive};
 use supertwin_core::message::{MAX_THRUSTERS, PerThruster};
@@ -10,7 +11,7 @@ use supertwin_model::thrusters::{Forces, Thrusters};
 const MAX_DELAY_TICKS: usize = 64;
 
 /// Thruster dynamics of a vehicle file.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PropulsionConfig {
     /// Time from command to the first effect.

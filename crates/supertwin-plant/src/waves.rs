@@ -1,6 +1,7 @@
 //! First-order waves: a JONSWAP sea of a few regular components, their decay with depth, their dynamic pressure.
 
 use nalgebra::Vector3;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use supertwin_core::check::{Interval, NonNegative, Positive};
 use supertwin_core::random::{Draw, Stream};
@@ -12,7 +13,7 @@ pub const COMPONENTS: usize = 12;
 const G: f64 = 9.81;
 
 /// Waves of an environment file.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct WavesConfig {
     /// Significant height `Hs`; zero for a flat sea.

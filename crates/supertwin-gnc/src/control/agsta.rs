@@ -12,13 +12,14 @@ use super::super_twisting::{AntiWindup, Discretisation, SuperTwisting};
 use super::surface::SurfaceConfig;
 use super::{ControlLaw, LawInput, LawSample};
 use nalgebra::Vector4;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use supertwin_core::check::{NonNegative, Positive};
 use supertwin_core::{Axes, Capability, Observe, Probe};
 use supertwin_model::Hydrodynamics;
 
 /// How k2 follows k1.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum SecondGain {
     /// `k2 = 2 ε k1 + λ + 4 ε²`.
@@ -28,7 +29,7 @@ pub enum SecondGain {
 }
 
 /// Adaptation of one axis, or of all.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AdaptationConfig {
     /// `ω`.
@@ -52,7 +53,7 @@ pub struct AdaptationConfig {
 }
 
 /// Parameters of the law.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AgstaConfig {
     /// The sliding surface.

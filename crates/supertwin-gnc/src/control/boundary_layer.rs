@@ -6,13 +6,14 @@
 use super::surface::{Surface, SurfaceConfig};
 use super::{ControlLaw, LawInput, LawSample};
 use nalgebra::Vector4;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use supertwin_core::check::{NonNegative, Positive};
 use supertwin_core::{Axes, Capability, Observe, Probe, signal};
 use supertwin_model::Hydrodynamics;
 
 /// Parameters of the law.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BoundaryLayerConfig {
     /// The sliding surface.

@@ -4,6 +4,7 @@ use super::fallback::{Fallback, FallbackConfig};
 use super::{Law, LawConfig, LawInput, TrackingError};
 use crate::allocation::Allocation;
 use nalgebra::Vector4;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use supertwin_core::check::NonNegative;
 use supertwin_core::command::ControllerCommand;
@@ -15,7 +16,7 @@ use supertwin_core::{
 use supertwin_model::Hydrodynamics;
 
 /// How old inputs may get, in seconds.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ControllerLimits {
     /// Navigation older than this: neutral.
@@ -89,7 +90,7 @@ impl Status {
 }
 
 /// What may be changed while the controller runs.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct Tunable {
     /// The law in command, with its gains.

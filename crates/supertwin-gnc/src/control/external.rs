@@ -5,13 +5,14 @@
 
 use super::{ControlLaw, Law, LawConfig, LawInput};
 use nalgebra::Vector4;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use supertwin_core::message::WrenchRequest;
 use supertwin_core::{Capability, Observe, Probe, signal};
 use supertwin_model::Hydrodynamics;
 
 /// Parameters of the law.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ExternalConfig {
     /// What steers where the request does not. Must not be `external` itself.

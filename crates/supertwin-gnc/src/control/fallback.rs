@@ -3,11 +3,12 @@
 //! Guidance may stand topside of a cut tether, so this reference is made beside the controller.
 
 use crate::reference_model::{ReferenceModel, ReferenceModelConfig};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use supertwin_core::message::{Mode, Nav, Reference};
 
 /// How it brakes.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FallbackConfig {
     /// Surge and sway to zero.

@@ -4,13 +4,14 @@ use super::super_twisting::{AntiWindup, Discretisation, SuperTwisting};
 use super::surface::SurfaceConfig;
 use super::{ControlLaw, LawInput, LawSample};
 use nalgebra::Vector4;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use supertwin_core::check::Positive;
 use supertwin_core::{Axes, Capability, Observe, Probe};
 use supertwin_model::Hydrodynamics;
 
 /// Gains of the law (units in [`super::super_twisting`]).
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct GstaConfig {
     /// The sliding surface.

@@ -25,13 +25,14 @@ pub use gsta::{Gsta, GstaConfig};
 pub use pid::{Pid, PidConfig};
 
 use nalgebra::Vector4;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use supertwin_core::message::WrenchRequest;
 use supertwin_core::{Capability, Observe, Probe};
 use supertwin_model::Hydrodynamics;
 
 /// A controller file.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ControllerConfig {
     /// What it is and where its numbers come from.
@@ -105,7 +106,7 @@ pub trait ControlLaw: Observe + Clone {
 macro_rules! laws {
     ($($(#[doc = $about:literal])+ $([$feature:literal])? $arm:ident = $name:literal),* $(,)?) => {
         /// A law with its gains. One arm per law.
-        #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+        #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
         pub enum LawConfig {
             $($(#[doc = $about])+ $(#[cfg(feature = $feature)])? #[serde(rename = $name)] $arm(<$arm as ControlLaw>::Config)),*
         }

@@ -7,13 +7,14 @@ use super::super_twisting::AntiWindup;
 use super::surface::{Surface, SurfaceConfig};
 use super::{ControlLaw, LawInput};
 use nalgebra::Vector4;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use supertwin_core::check::{NonNegative, Positive};
 use supertwin_core::{Axes, Capability, Observe, Probe, signal};
 use supertwin_model::Hydrodynamics;
 
 /// Gains in newtons (newton metres) per unit of error, its integral and its derivative.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PidConfig {
     /// Proportional gain.

@@ -10,12 +10,13 @@
 use super::surface::{Surface, SurfaceConfig};
 use super::{LawInput, LawSample, TrackingError};
 use nalgebra::Vector4;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use supertwin_core::{Observe, Probe, signal};
 use supertwin_model::Hydrodynamics;
 
 /// How the continuous law becomes a sampled one.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Discretisation {
     /// Forward Euler: chatters at a few L h²/m.
@@ -25,7 +26,7 @@ pub enum Discretisation {
 }
 
 /// What integrators and adaptation do on an axis whose force allocation has changed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum AntiWindup {
     /// They wait.

@@ -2,6 +2,7 @@
 
 use super::TrackingError;
 use nalgebra::{Vector3, Vector4};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use supertwin_core::check::Positive;
 use supertwin_core::{Observe, Probe, signal};
@@ -10,7 +11,7 @@ use supertwin_model::Hydrodynamics;
 /// Where the acceleration in `x2 = [ũ', ṽ', 2w̃ + w̃', r̃]` comes from.
 ///
 /// Taken literally, surge, sway and heave have relative degree 0: the force is inside σ (control.md, section 1.4).
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum SurfaceConfig {
     /// From a first-order filtered derivative of the velocity error: relative degree 1, no model, no accelerometer.

@@ -5,6 +5,7 @@
 
 use super::PingReport;
 use nalgebra::{Matrix3, Vector3};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use supertwin_core::check::Positive;
 use supertwin_core::frame::ssa;
@@ -12,7 +13,7 @@ use supertwin_core::message::{DvlPing, NetEstimate};
 use supertwin_model::SonarArray;
 
 /// Parameters.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct InverseRangeConfig {
     /// Power spectral densities of `a_x`, `a_y`, `a_z`, in 1/m² per second.

@@ -7,13 +7,14 @@ pub use inverse_range::{InverseRange, InverseRangeConfig};
 pub use rate_gated::{RateGated, RateGatedConfig};
 
 use nalgebra::Vector3;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use supertwin_core::message::{DvlPing, NetEstimate};
 use supertwin_core::{Observe, Probe, signal};
 use supertwin_model::SonarArray;
 
 /// Which way, with its parameters.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum NetPlaneConfig {
     /// Least squares per ping, gated by its rate of change and low-passed: as in the paper.

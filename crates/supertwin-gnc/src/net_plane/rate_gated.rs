@@ -3,6 +3,7 @@
 //! It leaks fish, as the paper's did: a burst that lasts longer than the release count is believed.
 
 use super::{PingReport, inverse_ranges};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use supertwin_core::check::{Fraction, Positive};
 use supertwin_core::frame::ssa;
@@ -10,7 +11,7 @@ use supertwin_core::message::{DvlPing, NetEstimate};
 use supertwin_model::SonarArray;
 
 /// Parameters (control.md, section 3.3).
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RateGatedConfig {
     /// A distance that differs by more from the filtered one is refused.

@@ -14,6 +14,7 @@ use crate::config::{ConfigError, Library, Override, at, parse};
 use crate::limits::Limits;
 use crate::score::Scores;
 use crate::trial::fits;
+use schemars::{JsonSchema, Schema, schema_for};
 use serde::Deserialize;
 use std::collections::BTreeSet;
 use std::path::PathBuf;
@@ -25,57 +26,94 @@ use toml::{Spanned, Value};
 pub const MOST_RUNS: usize = 1_000_000;
 
 /// A sweep file as it is written.
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct SweepFile {
+    /// The question, and where the numbers come from.
     description: String,
+    /// Files in `trials/`, or paths.
+    #[schemars(with = "Vec<String>")]
     trials: Spanned<Vec<Spanned<String>>>,
+    /// Seeds of each configuration.
+    #[schemars(with = "SeedsFile")]
     seeds: Spanned<SeedsFile>,
+    /// What is varied.
     #[serde(default)]
+    #[schemars(with = "Vec<ParameterFile>")]
     parameter: Vec<Spanned<ParameterFile>>,
+    /// How parameters that have a range and no `steps` are sampled.
+    #[schemars(with = "Option<LatinHypercubeFile>")]
     latin_hypercube: Option<Spanned<LatinHypercubeFile>>,
+    /// Which recordings are kept; none unless told otherwise.
     recordings: Option<Keep>,
+    /// File in `limits/`: a verdict for every run.
+    #[schemars(with = "Option<String>")]
     limits: Option<Spanned<String>>,
+    /// Controller that the report pairs the others with.
     baseline: Option<String>,
+    /// Groups of controllers: the report counts in how many seeds each is best of its group.
     #[serde(default)]
     best_of: Vec<Vec<String>>,
 }
 
 /// Seeds as they are written: `count` from `start` on, or a `list`.
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct SeedsFile {
+    /// The first seed.
     start: Option<u64>,
+    /// How many.
     count: Option<u64>,
+    /// These seeds, in the place of `start` and `count`.
     list: Option<Vec<u64>>,
 }
 
 /// A parameter as it is written.
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct ParameterFile {
+    /// Column in the table; without it, the path.
     name: Option<String>,
+    /// The value that it replaces, as in `--set`.
+    #[schemars(with = "Option<String>")]
     path: Option<Spanned<String>>,
+    /// Several values that it replaces at once.
+    #[schemars(with = "Option<Vec<String>>")]
     paths: Option<Vec<Spanned<String>>>,
+    /// What it takes; a parameter has either these or a range.
+    #[schemars(with = "Option<Vec<serde_json::Value>>")]
     values: Option<Vec<Value>>,
+    /// Lower end of a range.
     from: Option<Finite>,
+    /// Upper end of a range.
     to: Option<Finite>,
+    /// Values of the range; without them the Latin hypercube draws from it.
     steps: Option<usize>,
+    /// How the range is divided.
     spacing: Option<Spacing>,
+    /// Multiplies what the files say instead of replacing it.
     times: Option<bool>,
 }
 
 /// The Latin hypercube as it is written.
-#[derive(Debug, Deserialize)]
+#[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct LatinHypercubeFile {
+    /// How many samples.
     samples: usize,
+    /// Seed of the samples; not that of the runs.
     seed: u64,
+    /// Each sample is run with a seed of its own.
     seed_per_sample: Option<bool>,
 }
 
+/// What a sweep's file may hold.
+pub(crate) fn schema() -> Schema {
+    schema_for!(SweepFile)
+}
+
 /// How a range is divided.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 enum Spacing {
     /// Equal differences.
@@ -96,7 +134,7 @@ impl Spacing {
 }
 
 /// Which recordings are kept.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Keep {
     /// Those of all runs.

@@ -1,6 +1,7 @@
 //! Fluxgate compass: heading with noise and a constant bias.
 
 use super::Schedule;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use supertwin_core::Tick;
 use supertwin_core::check::{Finite, NonNegative, Positive};
@@ -9,7 +10,7 @@ use supertwin_core::message::HeadingSample;
 use supertwin_core::random::Stream;
 
 /// Compass of a sensor file.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CompassConfig {
     /// Time between readings.

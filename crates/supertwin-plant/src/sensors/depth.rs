@@ -1,6 +1,7 @@
 //! Pressure sensor: depth below the mean surface, and the waves' dynamic pressure with it.
 
 use super::Schedule;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use supertwin_core::Tick;
 use supertwin_core::check::{NonNegative, Positive};
@@ -8,7 +9,7 @@ use supertwin_core::message::DepthSample;
 use supertwin_core::random::Stream;
 
 /// Pressure sensor of a sensor file.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DepthSensorConfig {
     /// Time between readings.

@@ -3,6 +3,7 @@
 use crate::cage::Cage;
 use arrayvec::ArrayVec;
 use nalgebra::Vector3;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use supertwin_core::Tick;
 use supertwin_core::check::{AcuteAngle, Fraction, NonNegative, Positive};
@@ -15,7 +16,7 @@ use supertwin_model::SonarArray;
 const MAX_UNDER_WAY: usize = 16;
 
 /// DVL of a sensor file.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DvlConfig {
     /// Angle of the beams off the forward axis.
@@ -41,7 +42,7 @@ pub struct DvlConfig {
 }
 
 /// Fish that block beams in bursts.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FishConfig {
     /// Rate at which bursts begin.

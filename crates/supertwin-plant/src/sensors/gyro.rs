@@ -1,5 +1,6 @@
 //! Rate gyro: yaw rate at every tick, with noise and a constant bias.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use supertwin_core::Tick;
 use supertwin_core::check::{Finite, NonNegative};
@@ -7,7 +8,7 @@ use supertwin_core::message::YawRateSample;
 use supertwin_core::random::Stream;
 
 /// Gyro of a sensor file.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct GyroConfig {
     /// Standard deviation of the noise.

@@ -10,11 +10,12 @@ pub use depth::{DepthSensor, DepthSensorConfig};
 pub use dvl::{Dvl, DvlConfig, DvlScene, FishConfig};
 pub use gyro::{Gyro, GyroConfig};
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use supertwin_core::Tick;
 
 /// All sensors of a sensor file.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SensorsConfig {
     /// What they are and where their numbers come from.

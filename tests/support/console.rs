@@ -1,0 +1,137 @@
+//! A page of the book, done as a reader would: its files written, its commands typed, its answers compared.
+
+use super::page::BOOK;
+use super::{Place, Process};
+use std::fmt::Write;
+use std::fs;
+use std::os::unix::fs::PermissionsExt;
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+const TOP: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../..");
+const SUPERTWIN: &str = env!("CARGO_BIN_EXE_supertwin");
+
+/// What a reader does.
+#[derive(Debug)]
+pub enum Step {
+    /// A block of TOML whose first line is `# NAME.toml`: the file of this name.
+    File { name: String, text: String },
+    /// A line after `$ `, and lines of what it answers; `…` stands for lines that are left out.
+    Command { line: String, answer: Vec<String> },
+}
+
+/// The steps of a page, in order.
+pub fn steps(page: &str) -> Vec<Step> {
+    let mut steps = Vec::new();
+    for block in page.split("\n```").skip(1).step_by(2) {
+        let (language, block) = block.split_once('\n').expect("a block has lines");
+        match language {
+            "console" => {
+                for line in block.lines() {
+                    // A prompt may say on which machine.
+                    match line.split_once("$ ").filter(|(prompt, _)| ["", "vehicle", "topside"].contains(prompt)) {
+                        Some((_, line)) => steps.push(Step::Command { line: line.to_owned(), answer: Vec::new() }),
+                        None => match steps.last_mut() {
+                            Some(Step::Command { answer, .. }) => answer.push(line.to_owned()),
+                            other => panic!("{line} answers nothing: {other:?}"),
+                        },
+                    }
+                }
+            }
+            "toml" => {
+                let first = block.lines().next().unwrap_or_default();
+                if let Some(name) = first.strip_prefix("# ").filter(|name| name.ends_with(".toml")) {
+                    steps.push(Step::File { name: name.to_owned(), text: block.to_owned() });
+                }
+            }
+            _ => {}
+        }
+    }
+    steps
+}
+
+/// Processes that a command leaves running, each of which says that it is up.
+pub fn left_running(command: &str) -> usize {
+    let each = |words: &str| words.split(';').next().map_or(0, |words| words.split_whitespace().count());
+    match command.split_once("for service in ") {
+        Some((_, words)) => each(words),
+        None => usize::from(command.ends_with('&')),
+    }
+}
+
+/// The program that enters a network of its own and a folder for sockets of its own, if the machine allows it.
+pub fn apart() -> Option<[&'static str; 3]> {
+    let mine = "mkdir -p /tmp/supertwin && mount -t tmpfs -o mode=700 none /tmp/supertwin && ip link set lo up";
+    let ways = [["unshare", "-nm", "bash"], ["unshare", "-rnm", "bash"]];
+    ways.into_iter().find(|[program, flags, shell]| {
+        let mut command = Command::new(program);
+        command.args([flags, shell, "-c", mine]).stdout(Stdio::null()).stderr(Stdio::null());
+        command.status().is_ok_and(|status| status.success())
+    })
+}
+
+/// Does what a page of the book says, in a fresh folder with the shipped configuration.
+#[allow(clippy::print_stderr, reason = "who reads the tests' output should know what was not tried")]
+pub fn follow(page: &str) {
+    let text = fs::read_to_string(Path::new(BOOK).join(page)).unwrap_or_else(|error| panic!("{page}: {error}"));
+    let steps = steps(&text);
+    let place = Place::new();
+    let copied = Command::new("cp").args(["-r", &format!("{TOP}/config")]).arg(place.path()).status();
+    assert!(copied.expect("cp is there").success());
+    let bin = place.path().join("bin");
+    fs::create_dir(&bin).expect("a folder");
+    let program = bin.join("supertwin");
+    fs::write(&program, format!("#!/bin/sh\nexec '{SUPERTWIN}' \"$@\"\n")).expect("is written");
+    fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).expect("is made a program");
+    let mut script = format!(
+        "set -e\ntrap 'kill $(jobs -p) 2>/dev/null || true; wait' EXIT\nexport PATH=\"{}:$PATH\"\n",
+        bin.display()
+    );
+    let apart = apart();
+    if apart.is_some() {
+        script += "mount -t tmpfs -o mode=700 none /tmp/supertwin\nip link set lo up\n";
+    }
+    for (i, step) in steps.iter().enumerate() {
+        match step {
+            Step::File { name, text } => {
+                let _ = writeln!(script, "mkdir -p \"$(dirname {name})\"\ncat > {name} <<'END_OF_FILE'\n{text}\nEND_OF_FILE");
+            }
+            // The viewer needs a screen, packages come from the world outside.
+            Step::Command { line, .. } if ["rerun ", "pip "].iter().any(|other| line.starts_with(other)) => {}
+            Step::Command { line, .. } => {
+                let _ = writeln!(script, "{{ {line}\n}} > answer.{i} 2>&1 || {{ cat answer.{i}; exit 1; }}");
+                let n = left_running(line);
+                if n > 0 {
+                    let _ = writeln!(script, "until [ $(grep -c 'Ctrl-C ends it' answer.{i}) -ge {n} ]; do sleep 0.1; done");
+                }
+            }
+        }
+    }
+    let networked = steps.iter().any(|step| matches!(step, Step::Command { line, .. } if left_running(line) > 0));
+    if networked && apart.is_none() {
+        eprintln!("{page}: not tried, as this machine allows no network namespace");
+        return;
+    }
+    fs::write(place.path().join("script"), &script).expect("is written");
+    let mut shell = match apart {
+        Some([program, flags, shell]) => {
+            let mut command = place.command(program);
+            command.args([flags, shell]);
+            command
+        }
+        None => place.command("bash"),
+    };
+    let ended = Process::start(shell.arg("script")).finish();
+    assert_eq!(ended.code, Some(0), "{page}: {ended:?}\n{script}");
+    let mut compared = 0;
+    for (i, step) in steps.iter().enumerate() {
+        let Step::Command { line, answer } = step else { continue };
+        let said = fs::read_to_string(place.path().join(format!("answer.{i}"))).unwrap_or_default();
+        let mut said_lines = said.lines().map(str::trim_end);
+        for wanted in answer.iter().map(|line| line.trim_end()).filter(|line| *line != "…") {
+            assert!(said_lines.any(|line| line == wanted), "{page}: $ {line}\nnever says\n{wanted}\nbut\n{said}");
+            compared += 1;
+        }
+    }
+    assert!(compared > 0, "{page}: shows no answer to any command");
+}
