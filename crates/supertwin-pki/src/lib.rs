@@ -12,6 +12,21 @@
 //!
 //! All keys are ECDSA P-256. Nothing here replaces a key: renewal puts a new certificate of the same key in the old one's
 //! place, in one step. There is no revocation list, as Zenoh reads none: certificates live shortly instead.
+//!
+//! ```
+//! use std::time::Duration;
+//! use supertwin_pki::{Authority, Request};
+//! use supertwin_protocol::{Role, Scope, SystemClock};
+//!
+//! let home = tempfile::tempdir()?;
+//! let clock = SystemClock::start();
+//! let year = Duration::from_secs(365 * 24 * 3600);
+//! let authority = Authority::init(&home.path().join("pki"), "rataren", year, &clock)?;
+//! let anna = Request::new(Role::Operator, Scope::Vehicle("argus-mini".to_owned()), "anna");
+//! authority.issue(&anna, &clock)?;
+//! assert!(home.path().join("pki/anna/anna.pem").exists());
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 mod authority;
 mod certificate;

@@ -6,6 +6,33 @@
 //! * [`lease`], [`command_queue`]: who may command, and how a request becomes a command.
 //! * [`role`], [`access`]: who may do what with which key.
 //! * [`clock`], [`fault`]: the time as hosts see it, and losses that tests ask for.
+//!
+//! A message of tick 7 on its way, and who may listen to it:
+//!
+//! ```
+//! use supertwin_protocol::access::{Verb, matrix};
+//! use supertwin_protocol::{Envelope, Role, decode, encode, keys};
+//!
+//! let envelope = Envelope {
+//!     run: "first".into(),
+//!     source: "plant".into(),
+//!     tick: 7,
+//!     seq: 8,
+//!     sim_time_s: 0.14,
+//!     clock_ns: 0,
+//!     digest: None,
+//!     repeat: false,
+//!     data: 3.5,
+//! };
+//! let mut payload = Vec::new();
+//! encode(&envelope, &mut payload)?;
+//! assert_eq!(decode::<f64>(&payload)?, envelope);
+//!
+//! let key = keys::health("guidance");
+//! let rights = matrix().into_iter().find(|row| row.keys.contains(&key)).expect("stands in the matrix");
+//! assert!(rights.allows(Role::Observer, Verb::Subscribe) && !rights.allows(Role::Observer, Verb::Put));
+//! # Ok::<(), supertwin_protocol::envelope::Rejected>(())
+//! ```
 
 pub mod access;
 pub mod clock;

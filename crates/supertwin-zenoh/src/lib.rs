@@ -6,6 +6,15 @@
 //! ```
 //!
 //! The only crate that names zenoh. It knows messages and blocks, and no particular block.
+//!
+//! What holds for a session unless a file or a flag says otherwise: no discovery, no listener.
+//!
+//! ```
+//! let settings = supertwin_zenoh::Link::default().settings()?;
+//! assert_eq!(settings["scouting"]["multicast"]["enabled"], false);
+//! assert_eq!(settings["listen"]["endpoints"].as_array().map(Vec::len), Some(0));
+//! # Ok::<(), supertwin_zenoh::LinkError>(())
+//! ```
 
 pub mod access_control;
 pub mod client;
