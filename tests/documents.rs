@@ -1,15 +1,13 @@
 //! The documents: what they show happens, what they list is so, and their links lead somewhere.
 #![allow(clippy::unwrap_used, reason = "a test that can not go on has failed")]
 
-mod support;
-
+use crate::support::page::{BOOK, check, head, row};
+use crate::support::{Place, console};
 use serde_json::Value;
 use std::collections::BTreeSet;
 use std::fmt::Write;
 use std::fs;
 use std::path::{Path, PathBuf};
-use support::page::{BOOK, check, head, row};
-use support::{Place, console};
 
 const TOP: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../..");
 
@@ -50,9 +48,13 @@ fn prose(text: &str) -> String {
 /// The anchors of the headings, as GitHub and mdBook make them.
 fn anchors(text: &str) -> BTreeSet<String> {
     let headings = prose(text);
-    let headings = headings.lines().filter_map(|line| line.trim_start_matches('#').strip_prefix(' ').filter(|_| line.starts_with('#')));
+    let headings = headings
+        .lines()
+        .filter_map(|line| line.trim_start_matches('#').strip_prefix(' ').filter(|_| line.starts_with('#')));
     let kept = |c: char| c.is_alphanumeric() || matches!(c, '-' | '_' | ' ');
-    headings.map(|title| title.chars().filter(|c| kept(*c)).collect::<String>().to_lowercase().replace(' ', "-")).collect()
+    headings
+        .map(|title| title.chars().filter(|c| kept(*c)).collect::<String>().to_lowercase().replace(' ', "-"))
+        .collect()
 }
 
 /// Where the links of a page lead.
@@ -68,7 +70,8 @@ fn every_link_leads_somewhere() {
     for page in pages() {
         let text = fs::read_to_string(&page).unwrap();
         for link in links(&text).iter().filter(|link| !link.contains("://")) {
-            let (file, anchor) = link.split_once('#').map_or((link.as_str(), None), |(file, anchor)| (file, Some(anchor)));
+            let (file, anchor) =
+                link.split_once('#').map_or((link.as_str(), None), |(file, anchor)| (file, Some(anchor)));
             let target = if file.is_empty() { page.clone() } else { page.parent().unwrap().join(file) };
             assert!(target.exists(), "{}: {link} leads nowhere", page.display());
             if let Some(anchor) = anchor {
@@ -105,7 +108,9 @@ fn help(place: &Place, verbs: &[&str], text: &mut String) {
     let _ = write!(text, "\n{} {title}\n\n```text\n{}\n```\n", "#".repeat(1 + verbs.len().max(1)), said.trim_end());
     let (_, listed) = said.split_once("\nCommands:\n").unwrap_or_default();
     let names = listed.lines().take_while(|line| !line.is_empty());
-    for name in names.filter_map(|line| line.strip_prefix("  ")?.split_whitespace().next().filter(|_| !line.starts_with("   "))) {
+    for name in
+        names.filter_map(|line| line.strip_prefix("  ")?.split_whitespace().next().filter(|_| !line.starts_with("   ")))
+    {
         if name != "help" {
             help(place, &[verbs, &[name][..]].concat(), text);
         }

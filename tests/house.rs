@@ -342,7 +342,9 @@ fn the_top_level_holds_what_a_reader_expects_and_nothing_else() {
         let name = entry.unwrap().file_name().into_string().unwrap();
         assert!(EXPECTED.contains(&name.as_str()), "{name} does not belong on the top level");
     }
-    for needed in ["README.md", "ARCHITECTURE.md", "CHANGELOG.md", "docs/book.toml", "LICENSE-MIT", "LICENSE-APACHE", ".ci/run"] {
+    for needed in
+        ["README.md", "ARCHITECTURE.md", "CHANGELOG.md", "docs/book.toml", "LICENSE-MIT", "LICENSE-APACHE", ".ci/run"]
+    {
         assert!(root().join(needed).is_file(), "{needed} is missing");
     }
 }

@@ -94,7 +94,10 @@ pub fn follow(page: &str) {
     for (i, step) in steps.iter().enumerate() {
         match step {
             Step::File { name, text } => {
-                let _ = writeln!(script, "mkdir -p \"$(dirname {name})\"\ncat > {name} <<'END_OF_FILE'\n{text}\nEND_OF_FILE");
+                let _ = writeln!(
+                    script,
+                    "mkdir -p \"$(dirname {name})\"\ncat > {name} <<'END_OF_FILE'\n{text}\nEND_OF_FILE"
+                );
             }
             // The viewer needs a screen, packages come from the world outside.
             Step::Command { line, .. } if ["rerun ", "pip "].iter().any(|other| line.starts_with(other)) => {}
@@ -102,7 +105,10 @@ pub fn follow(page: &str) {
                 let _ = writeln!(script, "{{ {line}\n}} > answer.{i} 2>&1 || {{ cat answer.{i}; exit 1; }}");
                 let n = left_running(line);
                 if n > 0 {
-                    let _ = writeln!(script, "until [ $(grep -c 'Ctrl-C ends it' answer.{i}) -ge {n} ]; do sleep 0.1; done");
+                    let _ = writeln!(
+                        script,
+                        "until [ $(grep -c 'Ctrl-C ends it' answer.{i}) -ge {n} ]; do sleep 0.1; done"
+                    );
                 }
             }
         }

@@ -1,5 +1,5 @@
 //! A page of the reference: written anew when that is asked for, else compared with what stands there.
-#![allow(dead_code, unreachable_pub, reason = "each test file uses its part")]
+#![allow(unreachable_pub, dead_code, reason = "two programs of tests use their part")]
 
 use std::path::Path;
 
@@ -7,7 +7,7 @@ use std::path::Path;
 pub const BOOK: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/src");
 
 /// What a generated page begins with.
-const GENERATED: &str = "<!-- Generated: SUPERTWIN_WRITE_DOCS=1 cargo test reference -->\n\n";
+const GENERATED: &str = "<!-- Generated: SUPERTWIN_WRITE_DOCS=1 cargo test the_reference -->\n\n";
 
 /// Checks a generated page, or writes it with `SUPERTWIN_WRITE_DOCS=1`.
 pub fn check(name: &str, text: &str) {
@@ -19,7 +19,7 @@ pub fn check(name: &str, text: &str) {
     let found = std::fs::read_to_string(&path).unwrap_or_default();
     let mut lines = found.lines().zip(text.lines());
     let differs = lines.position(|(found, wanted)| found != wanted).map_or(0, |line| line + 1);
-    assert!(found == text, "{} is stale (line {differs}): SUPERTWIN_WRITE_DOCS=1 cargo test reference", path.display());
+    assert!(found == text, "{} is stale (line {differs}): SUPERTWIN_WRITE_DOCS=1 cargo test the_reference", path.display());
 }
 
 /// A row of a Markdown table.

@@ -1,20 +1,17 @@
 //! The book's reference of configuration files, metrics and signals is that of the types.
 #![allow(clippy::unwrap_used, reason = "a test that can not go on has failed")]
 
-#[path = "../../../tests/support/page.rs"]
-mod page;
-
-use page::{check, head, row};
+use crate::page::{check, head, row};
 use serde_json::{Map, Value};
-use std::collections::BTreeMap;
 use std::fmt::Write;
-use std::path::Path;
-use supertwin_core::{Event, Probe, RunHeader, RunSink, Signal, SinkError, Tick, run::Properties, unit};
-use supertwin_lab::{Library, Override, metrics, run, schema, trial};
+use supertwin_core::{Signal, signal, unit};
+use supertwin_lab::{metrics, schema};
 
 /// One line for each value that a file may hold: its path, type, unit and meaning.
 struct Lines<'a> {
     definitions: &'a Map<String, Value>,
+    /// References that are being followed: a law may hold another law.
+    open: Vec<&'a str>,
     lines: Vec<[String; 4]>,
 }
 
@@ -27,6 +24,16 @@ impl<'a> Lines<'a> {
 
     /// Adds what stands below `path`; `about` is said of it where it is used.
     fn add(&mut self, path: &str, schema: &'a Value, about: &str) {
+        let reference = schema["$ref"].as_str().unwrap_or_default();
+        if !reference.is_empty() && self.open.contains(&reference) {
+            return self.line(path, "as above", about);
+        }
+        self.open.push(reference);
+        self.add_target(path, schema, about);
+        self.open.pop();
+    }
+
+    fn add_target(&mut self, path: &str, schema: &'a Value, about: &str) {
         let target = self.resolve(schema);
         let said = if about.is_empty() { target["description"].as_str().unwrap_or_default() } else { about };
         // An option is a choice between a value and null.
@@ -112,7 +119,7 @@ fn the_reference_of_configuration_files_is_that_of_the_types() {
         let schema = schema.to_value();
         let none = Map::new();
         let mut lines =
-            Lines { definitions: schema["$defs"].as_object().unwrap_or(&none), lines: Vec::new() };
+            Lines { definitions: schema["$defs"].as_object().unwrap_or(&none), open: Vec::new(), lines: Vec::new() };
         lines.add("", &schema, "");
         let set = section.map(|section| format!(" Section of `--set`: `{section}`.")).unwrap_or_default();
         let _ = write!(
@@ -152,79 +159,24 @@ fn the_reference_of_metrics_is_the_catalogue() {
     assert!(families.len() > 20, "the catalogue has families");
     for (family, quantities) in families {
         let better = format!("{:?}", family.better).to_lowercase();
-        text += &row(&[
-            &format!("`{}`", family.name),
-            &quantities.join(", "),
-            family.formula,
-            family.about,
-            &better,
-        ]);
+        text += &row(&[&format!("`{}`", family.name), &quantities.join(", "), family.formula, family.about, &better]);
     }
     check("metrics.md", &text);
 }
 
-/// Keeps which signals a run shows, and what is known of it.
-#[derive(Default)]
-struct Shown {
-    signals: BTreeMap<&'static str, &'static Signal>,
-    run: Properties,
-    results: Properties,
-}
-
-impl Probe for Shown {
-    fn vector(&mut self, signal: &'static Signal, _: &[f64]) {
-        self.signals.insert(signal.path, signal);
-    }
-    fn label(&mut self, signal: &'static Signal, _: &'static str) {
-        self.signals.insert(signal.path, signal);
-    }
-}
-
-impl RunSink for Shown {
-    fn begin(&mut self, header: &RunHeader) -> Result<(), SinkError> {
-        self.run.extend(header.properties.clone());
-        Ok(())
-    }
-    fn tick(&mut self, _: Tick) -> Result<(), SinkError> {
-        Ok(())
-    }
-    fn event(&mut self, _: &Event) -> Result<(), SinkError> {
-        Ok(())
-    }
-    fn finish(&mut self, results: &Properties) -> Result<(), SinkError> {
-        self.results.extend(results.clone());
-        Ok(())
-    }
-}
-
 #[test]
-fn the_reference_of_signals_is_what_runs_show() {
-    let library = Library::new(
-        Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config"),
-        vec!["trial.duration_s=21".parse::<Override>().unwrap()],
-    );
-    let mut shown = BTreeMap::<&str, (&Signal, Vec<String>)>::new();
-    let mut properties = Properties::new();
-    let mut laws = 0;
-    for name in ["paper-gsta", "paper-agsta", "paper-pid", "external", "plane-filter"] {
-        for trial in trial::load(&library, name).unwrap() {
-            let mut sink = Shown::default();
-            run(&trial, 1, &mut sink, Some(&Properties::new()), |_| true).unwrap();
-            properties.extend(sink.run);
-            laws += 1;
-            for (path, signal) in sink.signals {
-                shown.entry(path).or_insert_with(|| (signal, Vec::new())).1.push(trial.name.clone());
-            }
-        }
-    }
+fn the_reference_of_signals_is_what_is_declared() {
     let mut text = "# Signals\n\n\
-        Every quantity that the four blocks show, at every tick or whenever there is one (a sonar ping). The path is at once\n\
-        the entity in a recording, the name in telemetry and the first half of a column in exports. A signal without\n\
-        components is a scalar or a word. The last column names the trials that show a signal which not all of them show.\n\n"
+        Every quantity that services and recordings show, at every tick or whenever there is one (a sonar ping). The path\n\
+        is at once the entity in a recording, the name in telemetry and the first half of a column in exports. A signal\n\
+        without components is one number, or a word where it has no unit either. A control law may show signals of its own\n\
+        beside these.\n\n"
         .to_owned();
-    text += &head(&["path", "components", "meaning", "only in"]);
-    assert!(shown.len() > 40, "only {} signals", shown.len());
-    for (path, (signal, trials)) in &shown {
+    text += &head(&["path", "components", "meaning"]);
+    let mut signals: Vec<&Signal> = signal::all().collect();
+    signals.sort_by_key(|signal| signal.path);
+    assert!(signals.len() > 60, "only {} signals", signals.len());
+    for signal in signals {
         let component = |(i, name): (usize, &&str)| match signal.unit(i) {
             "" => (*name).to_owned(),
             unit => format!("{name} [{unit}]"),
@@ -233,14 +185,7 @@ fn the_reference_of_signals_is_what_runs_show() {
         if components.is_empty() && !signal.unit(0).is_empty() {
             components.push(format!("[{}]", signal.unit(0)));
         }
-        let only = if trials.len() < laws { trials.join(", ") } else { String::new() };
-        text += &row(&[&format!("`{path}`"), &components.join(", "), signal.about, &only]);
+        text += &row(&[&format!("`{}`", signal.path), &components.join(", "), signal.about]);
     }
-    text += "\n## Properties of a run\n\n\
-        What a recording says of its run under `run`, as columns of a table of recordings (`property:run:seed`). Under\n\
-        `result` stand the scores by the names of [metrics](metrics.md), `hash`, `ticks`, `window_s`, `warnings` and\n\
-        `complete`. Services on a network add what [Recordings](recordings.md) says.\n\n";
-    let names: Vec<String> = properties.keys().map(|name| format!("`{name}`")).collect();
-    text += &names.join(", ");
     check("signals.md", &text);
 }
