@@ -70,9 +70,10 @@ pub fn apart() -> Option<[&'static str; 3]> {
     })
 }
 
-/// Does what a page of the book says, in a fresh folder with the shipped configuration.
+/// Does what a page of the book says, in a fresh folder with the shipped configuration. Returns how many lines of answers
+/// it shows.
 #[allow(clippy::print_stderr, reason = "who reads the tests' output should know what was not tried")]
-pub fn follow(page: &str) {
+pub fn follow(page: &str) -> usize {
     let text = fs::read_to_string(Path::new(BOOK).join(page)).unwrap_or_else(|error| panic!("{page}: {error}"));
     let steps = steps(&text);
     let place = Place::new();
@@ -116,7 +117,7 @@ pub fn follow(page: &str) {
     let networked = steps.iter().any(|step| matches!(step, Step::Command { line, .. } if left_running(line) > 0));
     if networked && apart.is_none() {
         eprintln!("{page}: not tried, as this machine allows no network namespace");
-        return;
+        return steps.len();
     }
     fs::write(place.path().join("script"), &script).expect("is written");
     let mut shell = match apart {
@@ -139,5 +140,5 @@ pub fn follow(page: &str) {
             compared += 1;
         }
     }
-    assert!(compared > 0, "{page}: shows no answer to any command");
+    compared
 }

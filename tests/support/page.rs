@@ -19,7 +19,11 @@ pub fn check(name: &str, text: &str) {
     let found = std::fs::read_to_string(&path).unwrap_or_default();
     let mut lines = found.lines().zip(text.lines());
     let differs = lines.position(|(found, wanted)| found != wanted).map_or(0, |line| line + 1);
-    assert!(found == text, "{} is stale (line {differs}): SUPERTWIN_WRITE_DOCS=1 cargo test the_reference", path.display());
+    assert!(
+        found == text,
+        "{} is stale (line {differs}): SUPERTWIN_WRITE_DOCS=1 cargo test the_reference",
+        path.display()
+    );
 }
 
 /// A row of a Markdown table.

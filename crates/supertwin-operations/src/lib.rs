@@ -17,6 +17,19 @@
 //!
 //! Options go in as structs and data comes out; [`OperationError`] says what was wrong, [`Progress`] how far it is, and a
 //! flag that is handed in ends what takes long.
+//!
+//! What `supertwin check` knows of a file, as a table:
+//!
+//! ```
+//! use std::path::Path;
+//! use supertwin_lab::Library;
+//! use supertwin_operations::configuration;
+//!
+//! let library = Library::new("../../config", Vec::new());
+//! let vehicle = configuration::understand(Path::new("../../config/vehicles/argus-mini.toml"), &library)?;
+//! assert!(vehicle["true"]["rigid_body"]["mass_kg"].as_float().is_some());
+//! # Ok::<(), supertwin_lab::ConfigError>(())
+//! ```
 
 pub mod compare;
 pub mod configuration;

@@ -8,6 +8,25 @@
 //! * [`mod@export`]: for data frames, spreadsheets and Foxglove.
 //! * [`signals`]: what recordings have beside what the blocks show.
 //! * [`table`]: results of many runs, a row for each.
+//!
+//! One tick of one signal, written and read back:
+//!
+//! ```
+//! use supertwin_core::run::Properties;
+//! use supertwin_core::signal::tracking::DEPTH;
+//! use supertwin_core::{Probe, RunHeader, RunSink, Tick};
+//! use supertwin_rerun::{Options, RerunSink, read};
+//!
+//! let folder = tempfile::tempdir()?;
+//! let file = folder.path().join("run.rrd");
+//! let mut sink = RerunSink::create(&file, Options { dashboards: false, ..Options::default() })?;
+//! sink.begin(&RunHeader { name: "first".to_owned(), ..RunHeader::default() })?;
+//! sink.tick(Tick { k: 0, dt_s: 0.02 })?;
+//! sink.vector(&DEPTH, &[3.1, 3.0, 3.05]); // measured, wanted, true
+//! sink.finish(&Properties::new())?;
+//! assert_eq!(read(&file)?.signals[DEPTH.path].values, [3.1, 3.0, 3.05]);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 mod belated;
 pub mod blueprint;
