@@ -99,6 +99,13 @@ fn the_readme_fits_on_three_screens_and_the_map_on_a_table() {
     assert!(length("ARCHITECTURE.md").len() <= 15_000);
 }
 
+#[test]
+fn the_law_of_the_tutorial_is_the_one_that_tests_add() {
+    let page = fs::read_to_string(Path::new(BOOK).join("tutorials/your-own-law.md")).unwrap();
+    let law = fs::read_to_string(Path::new(TOP).join("crates/supertwin-gnc/src/control/boundary_layer.rs")).unwrap();
+    assert!(page.contains(&format!("```rust\n{law}```")), "the tutorial shows another law");
+}
+
 /// What a verb says of itself, and each of its own verbs after it.
 fn help(place: &Place, verbs: &[&str], text: &mut String) {
     let mut command = place.command(env!("CARGO_BIN_EXE_supertwin"));

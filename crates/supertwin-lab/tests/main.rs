@@ -7,8 +7,10 @@ mod common;
 mod compare;
 mod corpus;
 mod field_trials;
+#[cfg(not(feature = "another-law"))]
 #[path = "../../../tests/support/page.rs"]
 mod page;
+#[cfg(not(feature = "another-law"))]
 mod reference;
 mod replay;
 mod rescore;
