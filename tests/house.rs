@@ -249,6 +249,22 @@ fn a_signal_is_named_where_it_is_declared_and_nowhere_else() {
 }
 
 #[test]
+fn every_file_of_tests_is_part_of_a_program() {
+    let manifests: String = crates()
+        .keys()
+        .map(|name| fs::read_to_string(root().join("crates").join(name).join("Cargo.toml")).unwrap())
+        .collect();
+    let folders = crates().into_keys().map(|name| root().join("crates").join(name).join("tests"));
+    for path in folders.chain([root().join("tests")]).flat_map(|folder| sources(&folder)) {
+        // Without a `main.rs` beside it, cargo makes a program of each file by itself.
+        let Ok(main) = fs::read_to_string(path.with_file_name("main.rs")) else { continue };
+        let name = path.file_stem().unwrap().to_string_lossy();
+        let named = main.contains(&format!("mod {name};")) || manifests.contains(&format!("tests/{name}.rs\""));
+        assert!(named, "{}: belongs to no program, and its tests never run", path.display());
+    }
+}
+
+#[test]
 fn every_test_can_fail() {
     let mut tests = 0;
     for path in sources(&root().join("crates")).iter().chain(&sources(&root().join("tests"))) {
