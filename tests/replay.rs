@@ -46,7 +46,7 @@ fn verified(place: &Place, file: &Path, blocks: &[&str]) -> Value {
 }
 
 /// Every step of a block was compared.
-fn wholly_compared(report: &Value) {
+fn assert_wholly_compared(report: &Value) {
     for block in report["blocks"].as_array().expect("blocks") {
         assert_eq!(block["steps"], block["compared"], "{block}");
         assert!(
@@ -67,7 +67,7 @@ fn recordings_of_one_process_repeat_bit_for_bit() {
     ] {
         let file = recorded(&place, trial, more);
         let report = verified(&place, &file, &SERVICES);
-        wholly_compared(&report);
+        assert_wholly_compared(&report);
         assert_eq!(report["hash"], true, "{trial}");
         // The chain from a block on repeats as well.
         for from in ["estimator", "guidance", "controller"] {
@@ -296,7 +296,7 @@ fn a_recording_in_lock_step_repeats_bit_for_bit() {
     place.call(&[&words, &["--record", "net"][..], &short].concat()).well();
     let file = only_file(&place.path().join("net"));
     let report = verified(&place, &file, &SERVICES);
-    wholly_compared(&report);
+    assert_wholly_compared(&report);
     assert_eq!(report["hash"], true);
     assert_eq!(
         report["rebuilt"].as_object().map(serde_json::Map::len),
@@ -453,7 +453,7 @@ fn a_recording_of_one_process_from_before_events_were_data_repeats_scores_and_al
     let place = Place::new();
     let file = of_format_1(&place, "batch.rrd", include_bytes!("fixtures/batch-format-1.rrd.gz"));
     let report = verified(&place, &file, &SERVICES);
-    wholly_compared(&report);
+    assert_wholly_compared(&report);
     let shown = place.call(&["show", &file.display().to_string(), "--json"]).well().json();
     assert_eq!(shown["events"].as_array().map(Vec::len), Some(15), "{shown}");
     let zeros = [("following", 0.4), ("event:gsta-tuned", 1.0), ("fault", 1.2), ("reversed", 1.8)];
@@ -467,5 +467,5 @@ fn a_recording_of_one_process_from_before_events_were_data_repeats_scores_and_al
 fn a_recording_of_a_network_from_before_events_were_data_repeats() {
     let place = Place::new();
     let file = of_format_1(&place, "network.rrd", include_bytes!("fixtures/network-format-1.rrd.gz"));
-    wholly_compared(&verified(&place, &file, &SERVICES));
+    assert_wholly_compared(&verified(&place, &file, &SERVICES));
 }
