@@ -76,9 +76,15 @@ impl<'a> Lines<'a> {
     }
 
     fn line(&mut self, path: &str, kind: &str, about: &str) {
-        let last = path.rsplit('.').next().unwrap_or_default().trim_end_matches("[]");
-        let unit = unit::of(last).unwrap_or_default();
-        self.lines.push([format!("`{path}`"), kind.to_owned(), unit.to_owned(), about.to_owned()]);
+        let place = path.trim_end_matches("[]");
+        // Gains have their unit by axis.
+        let [surge, yaw] = ["surge", "yaw"].map(|axis| unit::of_place(&format!("{place}.{axis}")));
+        let unit = match (unit::of_place(place), surge, yaw) {
+            (Some(unit), ..) => unit.to_owned(),
+            (None, Some(surge), Some(yaw)) if kind.starts_with('{') => format!("{surge}; yaw {yaw}"),
+            _ => String::new(),
+        };
+        self.lines.push([format!("`{path}`"), kind.to_owned(), unit, about.to_owned()]);
     }
 }
 
