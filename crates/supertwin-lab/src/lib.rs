@@ -5,7 +5,7 @@
 //! * [`trial`]: what a trial is, and how its pieces become blocks.
 //! * [`ring`]: the four blocks and their order.
 //! * [`twin`]: the ring in lock step, in one process.
-//! * [`run`]: a seeded run from start to scores, into any [`supertwin_core::RunSink`].
+//! * [`mod@run`]: a seeded run from start to scores, into any [`supertwin_core::RunSink`].
 //! * [`sweep`]: campaigns, as lists of such runs.
 //! * [`replay`]: recorded inputs into the blocks again, as they were or with other parameters.
 //! * [`mod@rescore`]: the same scores from any [`supertwin_core::RunSource`].

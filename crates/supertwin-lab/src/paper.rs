@@ -15,7 +15,7 @@ pub enum PaperColumn {
     Pid,
 }
 
-/// Names of the rows, as in [`crate::score::QUANTITIES`].
+/// Names of the rows, as in [`supertwin_core::signal::tracking::QUANTITIES`].
 pub const ROWS: [&str; 6] =
     ["Distance to net [m]", "Total speed [m/s]", "Surge [m/s]", "Sway [m/s]", "Depth [m]", "Heading [rad]"];
 

@@ -1,4 +1,4 @@
-//! Signals that no block shows: what [`crate::derived`] computes for the dashboards.
+//! Signals that no block shows: what `derived` computes for the dashboards.
 //!
 //! None of them is needed to repeat or to score a run.
 

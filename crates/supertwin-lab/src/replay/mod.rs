@@ -4,7 +4,7 @@
 //!   that were recorded.
 //! * Something changed, the chain from one block on run anew on recorded inputs: [`Replay::what_if`]. Open loop: the
 //!   vehicle does not react.
-//! * The plant driven by the disturbance that the estimator found in the recording: [`closed::run`]. Closed loop.
+//! * The plant driven by the disturbance that the estimator found in the recording: `closed`. Closed loop.
 //!
 //! What a block did is taken from the recording: over a network the account of every step says which messages it used,
 //! and commands with their ticks are recorded; a run of one process is repeated from its mission. Exact bytes of messages
