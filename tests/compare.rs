@@ -387,7 +387,7 @@ fn what_can_not_be_compared_is_named_and_the_others_are_compared() {
 fn every_metric_is_explained() {
     let place = Place::new();
     let help = place.call(&["compare", "--metrics", "help"]).well().out;
-    for metric in supertwin_lab::metrics::catalogue() {
+    for metric in supertwin_lab::metrics::all_metrics() {
         assert!(help.contains(metric.family.about) && help.contains(metric.family.name), "{}", metric.name);
     }
     assert!(help.contains("measured.distance_m [m], speed_m_per_s [m/s]") && help.contains("√(Σeᵢ²/n)"), "{help}");

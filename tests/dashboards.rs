@@ -18,7 +18,7 @@ use supertwin_core::signal::{
 use supertwin_core::{Capability, Observe, Probe, Property, RunHeader, RunSink, RunSource, Signal, Tick};
 use supertwin_lab::{LAWS, Library, metrics, trial};
 use supertwin_rerun::blueprint::{self, About, DASHBOARDS, Dashboard, TABS, View};
-use supertwin_rerun::merge::{Better, Cell, Row, Scores};
+use supertwin_rerun::merge::{Better, Cell, ScoreRow, Scores};
 use supertwin_rerun::{
     Merge, Merged, MergedRun, Options, Recording, RerunSink, merge, read, read_selected, signals, style,
 };
@@ -411,7 +411,7 @@ fn compare(name: &str, trials: &[(&str, Vec<&Path>)]) -> (PathBuf, Merged) {
             all.runs.push(MergedRun { name, paths: vec![path.to_path_buf()], offset_ns: 0, group, against });
         }
     }
-    let row = |name: &str| Row {
+    let row = |name: &str| ScoreRow {
         name: name.to_owned(),
         title: metrics::named(name).unwrap().title.clone(),
         unit: metrics::named(name).unwrap().unit.to_owned(),
@@ -420,7 +420,7 @@ fn compare(name: &str, trials: &[(&str, Vec<&Path>)]) -> (PathBuf, Merged) {
         chart: true,
     };
     all.scores = Scores { rows: METRICS.map(row).into(), ..Scores::default() };
-    let best = |row: &Row| row.cells.iter().flatten().map(|cell| cell.value).fold(f64::INFINITY, f64::min);
+    let best = |row: &ScoreRow| row.cells.iter().flatten().map(|cell| cell.value).fold(f64::INFINITY, f64::min);
     for row in &all.scores.rows {
         let best = row.cells.iter().position(|cell| cell.unwrap().value <= best(row)).unwrap();
         all.scores.verdicts.push(format!("{}: **{}** has least.", row.title, all.groups[best]));

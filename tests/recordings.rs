@@ -22,7 +22,7 @@ fn text(bytes: &[u8]) -> String {
 }
 
 /// What a call says that must succeed.
-fn said(folder: &Path, arguments: &[&str]) -> String {
+fn run_well(folder: &Path, arguments: &[&str]) -> String {
     let done = supertwin(folder, arguments);
     assert!(done.status.success(), "{arguments:?}: {}", text(&done.stderr));
     text(&done.stdout)
@@ -36,13 +36,13 @@ fn refused(folder: &Path, arguments: &[&str]) -> (Option<i32>, String) {
 }
 
 fn json(folder: &Path, arguments: &[&str]) -> Value {
-    serde_json::from_str(&said(folder, &[arguments, &["--json"]].concat())).unwrap()
+    serde_json::from_str(&run_well(folder, &[arguments, &["--json"]].concat())).unwrap()
 }
 
 /// A folder with the recordings of a trial, 35 s long.
 fn recorded(trial: &str) -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
-    said(folder.path(), &["run", trial, "--out", ".", "--set", "trial.duration_s=35"]);
+    run_well(folder.path(), &["run", trial, "--out", ".", "--set", "trial.duration_s=35"]);
     folder
 }
 
@@ -68,7 +68,7 @@ fn show_says_what_is_there_and_that_the_scores_are_right() {
         assert_eq!((&depth["rows"], &depth["missing"]), (&1750.into(), &0.into()));
         assert!((depth["rate_hz"].as_f64().unwrap() - 50.0).abs() < 1e-9);
         assert!(shown["gaps"].as_array().unwrap().is_empty() && !shown["events"].as_array().unwrap().is_empty());
-        let table = said(folder.path(), &["show", &file]);
+        let table = run_well(folder.path(), &["show", &file]);
         for words in [
             "complete, ticks 0 to 1749",
             "controller/thrust/requested",
@@ -88,7 +88,7 @@ fn a_recording_that_was_cut_off_is_shown_repaired_and_exported() {
     fs::write(folder.join("cut.rrd"), &bytes[..3 * bytes.len() / 4]).unwrap();
     let shown = json(folder, &["show", "cut.rrd"]);
     assert_eq!((&shown["complete"], &shown["scores"]["recorded"]), (&false.into(), &false.into()));
-    let table = said(folder, &["show", "cut.rrd"]);
+    let table = run_well(folder, &["show", "cut.rrd"]);
     assert!(table.contains("incomplete") && table.contains("supertwin repair"), "{table}");
 
     let repaired = json(folder, &["repair", "cut.rrd"]);
@@ -105,9 +105,9 @@ fn a_recording_that_was_cut_off_is_shown_repaired_and_exported() {
     // Not again over what is there, unless told to; and a whole file is left alone.
     let (status, error) = refused(folder, &["repair", "cut.rrd"]);
     assert!(status == Some(2) && error.contains("cut.repaired.rrd: exists already; use --force"), "{error}");
-    let again = said(folder, &["repair", "cut.rrd", "--force"]);
+    let again = run_well(folder, &["repair", "cut.rrd", "--force"]);
     assert!(again.contains("signals end before it)") && again.contains("could not be read"), "{again}");
-    let whole = said(folder, &["repair", "paper-agsta-seed1.rrd", "--out", "never.rrd"]);
+    let whole = run_well(folder, &["repair", "paper-agsta-seed1.rrd", "--out", "never.rrd"]);
     assert!(whole.contains("whole; nothing to repair") && !folder.join("never.rrd").exists());
 
     let done = supertwin(folder, &["export", "cut.rrd", "--csv", "--signals", "tracking/*"]);
@@ -142,7 +142,7 @@ fn export_takes_what_is_asked_for_and_names_what_there_is_not() {
     assert_eq!((&all["rows"], &all["out"]), (&1750.into(), &"paper-pid-seed1.parquet".into()));
     assert!(all["columns"].as_u64().unwrap() > 100);
     let some = ["export", file, "--csv", "--signals", "tracking/*", "--signals", "plant/**"];
-    said(folder, &some);
+    run_well(folder, &some);
     let written = fs::read_to_string(folder.join("paper-pid-seed1.csv")).unwrap();
     let header = written.lines().next().unwrap();
     assert!(header.contains("tracking/sway:measured") && header.contains("plant/truth/pose:north"), "{header}");
@@ -159,7 +159,7 @@ fn export_takes_what_is_asked_for_and_names_what_there_is_not() {
     assert!(error.contains("tracking/sway"), "{error}");
     let (status, error) = refused(folder, &["export", file]);
     assert!(status == Some(2) && error.contains("--parquet|--csv|--mcap"), "{error}");
-    let mcap = said(folder, &["export", file, "--mcap", "--out", "elsewhere.mcap"]);
+    let mcap = run_well(folder, &["export", file, "--mcap", "--out", "elsewhere.mcap"]);
     assert!(mcap.contains("elsewhere.mcap: ") && mcap.contains(" messages on "), "{mcap}");
 }
 
@@ -184,7 +184,7 @@ const PAGE: &str = include_str!("../docs/src/how-to/recordings.md");
 #[test]
 fn the_python_program_of_the_book_works_as_it_stands_there() {
     let folder = tempfile::tempdir().unwrap();
-    said(folder.path(), &["run", "paper-agsta", "--set", "trial.duration_s=20"]);
+    run_well(folder.path(), &["run", "paper-agsta", "--set", "trial.duration_s=20"]);
     let (_, program) = PAGE.split_once("```python\nfrom rerun").unwrap();
     let program = format!("from rerun{}", program.split_once("```").unwrap().0);
     assert_eq!(program.trim().lines().count(), 5);
@@ -200,7 +200,7 @@ const BROWSE: &str = include_str!("support/browse.py");
 #[test]
 fn a_folder_of_recordings_is_a_table_with_the_properties_as_columns() {
     let folder = tempfile::tempdir().unwrap();
-    said(folder.path(), &["run", "fair", "--seeds", "2", "--set", "trial.duration_s=24"]);
+    run_well(folder.path(), &["run", "fair", "--seeds", "2", "--set", "trial.duration_s=24"]);
     let runs = folder.path().join("runs/0001");
     assert!(PAGE.contains(BROWSE.trim()), "the book shows another program");
     let printed = python::say(folder.path(), BROWSE, &[]);

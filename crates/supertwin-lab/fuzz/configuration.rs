@@ -35,7 +35,7 @@ pub(crate) fn check(payload: &[u8]) {
         let (text, after) = line.split_once('\n').unwrap_or((line, ""));
         match text.parse::<Override>() {
             Ok(over) => overrides.push(over),
-            Err(error) => return said(&error),
+            Err(error) => return has_words(&error),
         }
         rest = after;
     }
@@ -43,7 +43,7 @@ pub(crate) fn check(payload: &[u8]) {
     if section == "recorded" {
         return match ResolvedTrial::from_text("fuzz", "fuzz", text, "place") {
             Ok(trial) => legal(&trial),
-            Err(error) => said(&error),
+            Err(error) => has_words(&error),
         };
     }
     let section = SECTIONS.into_iter().find(|known| *known == section);
@@ -52,7 +52,7 @@ pub(crate) fn check(payload: &[u8]) {
             assert!(!trials.is_empty(), "a trial without a controller");
             trials.iter().take(2).for_each(legal);
         }
-        Err(error) => said(&error),
+        Err(error) => has_words(&error),
     }
 }
 
@@ -81,7 +81,7 @@ fn file() -> PathBuf {
 }
 
 /// An error says something, and can be shown on a terminal.
-fn said(error: &ConfigError) {
+fn has_words(error: &ConfigError) {
     let text = error.to_string();
     assert!(!text.trim().is_empty(), "an error without words");
 }

@@ -135,7 +135,7 @@ const LONGEST_S: f64 = 1e9;
 /// `FROM:TO` in seconds from time zero; what is left out is where the runs begin to be scored, and where they end.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct WindowArgument {
-    /// From here.
+    /// First moment, in seconds from time zero.
     pub from_s: Option<f64>,
     /// To here, which is no longer part of it.
     pub to_s: Option<f64>,
@@ -166,7 +166,7 @@ impl FromStr for WindowArgument {
 /// Part of a run in seconds from its time zero.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Window {
-    /// From here.
+    /// First moment, in seconds from time zero.
     pub from_s: f64,
     /// To here, which is no longer part of it.
     pub to_s: f64,

@@ -23,15 +23,15 @@ pub enum ConfigError {
     /// A file that can't be read.
     #[error("{path}: {cause}")]
     Unreadable {
-        /// The file.
+        /// Path of the file as it was given.
         path: String,
-        /// Why.
+        /// What the system or the parser reported.
         cause: String,
     },
     /// A place in a file that breaks a rule.
     #[error("{path}:{line}:{column}: {message}")]
     Place {
-        /// The file.
+        /// Path of the file as it was given.
         path: String,
         /// Line, from 1.
         line: usize,
@@ -43,9 +43,9 @@ pub enum ConfigError {
     /// An override that breaks a rule.
     #[error("--set {text}: {message}")]
     Override {
-        /// As given.
+        /// The text of `--set`, as it was given.
         text: String,
-        /// The rule.
+        /// Rule that the text breaks.
         message: String,
     },
     /// Pieces that are legal alone and do not fit together.
@@ -61,7 +61,7 @@ pub enum ConfigError {
 /// `--set section.path=value`: replaces one value of one file of a trial.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Override {
-    /// As given.
+    /// The text of `--set`, as it was given.
     pub text: String,
     section: String,
     path: Vec<String>,
@@ -122,9 +122,9 @@ impl Override {
         Ok(Self { text, section, path, value, times })
     }
 
-    /// `section.path`.
+    /// Path of the value that is replaced: section, then keys, joined by dots.
     #[must_use]
-    pub fn place(&self) -> String {
+    pub fn location(&self) -> String {
         format!("{}.{}", self.section, self.path.join("."))
     }
 
@@ -248,7 +248,7 @@ impl Library {
         Self { root: root.into(), overrides }
     }
 
-    /// The folder.
+    /// Folder that the configuration files are below.
     #[must_use]
     pub fn root(&self) -> &Path {
         &self.root
@@ -456,7 +456,7 @@ mod tests {
         let mut table: Table = "mass_kg = 4\n[inner]\ngain = 3.0\nname = \"x\"\n".parse().expect("TOML");
         for (path, expected) in [("vehicle.mass_kg", 2.0), ("vehicle.inner.gain", 1.5)] {
             let half = Override::new(path, Value::Float(0.5), true).expect("legal");
-            assert_eq!((half.place().as_str(), half.law()), (path, None));
+            assert_eq!((half.location().as_str(), half.law()), (path, None));
             half.apply(&mut table).expect("applies");
             let (_, inside) = path.split_once('.').expect("has a section");
             let value = inside.split('.').try_fold(&Value::Table(table.clone()), |at, key| at.get(key)).cloned();

@@ -20,7 +20,7 @@ pub struct Limits {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Limit {
-    /// Which metric.
+    /// Metric that is limited.
     pub metric: MetricName,
     /// Must be at least.
     pub min: Option<Finite>,
@@ -33,7 +33,7 @@ pub struct Limit {
 /// What a limit says of a run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Judged {
-    /// Which metric.
+    /// Name of the metric that is limited.
     pub metric: String,
     /// Its value; `None` when the run has none.
     pub value: Option<f64>,
@@ -41,7 +41,7 @@ pub struct Judged {
     pub min: Option<f64>,
     /// Must be at most.
     pub max: Option<f64>,
-    /// So.
+    /// Whether the value is within the limits.
     pub outcome: Outcome,
 }
 
@@ -49,7 +49,7 @@ pub struct Judged {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
-    /// It is.
+    /// The value is within the limits.
     Pass,
     /// Nobody can say: the metric, or the whole run, is not there.
     Invalid,

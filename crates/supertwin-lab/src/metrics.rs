@@ -32,9 +32,9 @@ pub struct Family {
     pub items: &'static [(&'static str, &'static str)],
     /// Which values are better.
     pub better: Better,
-    /// In symbols.
+    /// Formula, as plain text.
     pub formula: &'static str,
-    /// In words.
+    /// Definition in a sentence.
     pub about: &'static str,
     /// Where its numbers come from.
     source: Source,
@@ -43,7 +43,7 @@ pub struct Family {
 /// Where numbers come from, and so what must be read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Source {
-    /// Scores.
+    /// The scores of a run.
     Scores,
     /// Scores; a run without truth has none.
     Truth,
@@ -55,7 +55,7 @@ enum Source {
     Health,
     /// The estimator's variances, and truth.
     Variances,
-    /// Innovations.
+    /// Innovations of the Kalman filter, and their covariance.
     Innovations,
     /// The accounts of a run over a network.
     Link,
@@ -221,10 +221,10 @@ pub static FAMILIES: &[Family] = families! {
         "share of the four services' telemetry that the recording misses, over the whole run";
 };
 
-/// One metric.
+/// A number that a run is judged by: name, unit, formula and which value is better.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Metric {
-    /// `measured.depth_m`.
+    /// Machine name, such as `measured.depth_m`.
     pub name: String,
     /// `Depth, measured RMS error`.
     pub title: String,
@@ -248,7 +248,7 @@ impl Metric {
     }
 }
 
-static CATALOGUE: LazyLock<Vec<Metric>> = LazyLock::new(|| {
+static METRICS: LazyLock<Vec<Metric>> = LazyLock::new(|| {
     let of = |family: &'static Family| {
         family.items.iter().map(move |(item, unit)| {
             let name = if item.is_empty() { family.name.to_owned() } else { format!("{}.{item}", family.name) };
@@ -275,14 +275,14 @@ fn title(family: &Family, item: &str) -> String {
 
 /// Every metric, in the order of the families.
 #[must_use]
-pub fn catalogue() -> &'static [Metric] {
-    &CATALOGUE
+pub fn all_metrics() -> &'static [Metric] {
+    &METRICS
 }
 
 /// The metric of this name.
 #[must_use]
 pub fn named(name: &str) -> Option<&'static Metric> {
-    catalogue().iter().find(|metric| metric.name == name)
+    all_metrics().iter().find(|metric| metric.name == name)
 }
 
 /// Families that are shown when nobody asks for others.
@@ -301,7 +301,7 @@ impl Default for Selection {
 
 impl Selection {
     fn of(wanted: impl Fn(&Metric) -> bool) -> Self {
-        Self(catalogue().iter().enumerate().filter(|(_, metric)| wanted(metric)).map(|(i, _)| i).collect())
+        Self(all_metrics().iter().enumerate().filter(|(_, metric)| wanted(metric)).map(|(i, _)| i).collect())
     }
 
     /// From names, names of families, patterns with `*`, `usual` and `all`.
@@ -317,7 +317,7 @@ impl Selection {
                 _ => Self::of(|metric| metric.family.name == word || fits(&metric.name, word)),
             };
             if more.0.is_empty() {
-                let names = catalogue().iter().map(|metric| metric.name.as_str());
+                let names = all_metrics().iter().map(|metric| metric.name.as_str());
                 let known = names.chain(FAMILIES.iter().map(|family| family.name));
                 return Err(format!("no metric `{word}`{}", suggestion(word, known)));
             }
@@ -326,14 +326,14 @@ impl Selection {
         Ok(Self(chosen))
     }
 
-    /// Adds one.
+    /// Adds `metric` to the selection; does nothing when it is there.
     pub fn add(&mut self, metric: &Metric) {
-        self.0.extend(catalogue().iter().position(|other| other.name == metric.name));
+        self.0.extend(all_metrics().iter().position(|other| other.name == metric.name));
     }
 
-    /// In the order of the catalogue.
+    /// In the order of [`all_metrics`].
     pub fn metrics(&self) -> impl Iterator<Item = &'static Metric> + '_ {
-        self.0.iter().filter_map(|i| catalogue().get(*i))
+        self.0.iter().filter_map(|i| all_metrics().get(*i))
     }
 
     fn wants(&self, sources: &[Source]) -> bool {
@@ -366,13 +366,13 @@ fn fits(name: &str, pattern: &str) -> bool {
 pub struct MetricName(String);
 
 impl MetricName {
-    /// The metric.
+    /// Metric of this name; `None` when there is none.
     #[must_use]
     pub fn metric(&self) -> Option<&'static Metric> {
         named(&self.0)
     }
 
-    /// As written.
+    /// Name as it stands in the file.
     #[must_use]
     pub fn as_str(&self) -> &str {
         &self.0
@@ -385,7 +385,7 @@ impl<'de> Deserialize<'de> for MetricName {
         if named(&name).is_some() {
             return Ok(Self(name));
         }
-        let hint = suggestion(&name, catalogue().iter().map(|metric| metric.name.as_str()));
+        let hint = suggestion(&name, all_metrics().iter().map(|metric| metric.name.as_str()));
         Err(serde::de::Error::custom(format!("no metric `{name}`{hint}")))
     }
 }
@@ -398,8 +398,8 @@ mod tests {
 
     #[test]
     fn names_are_unique_and_those_of_the_scores() {
-        let names: BTreeSet<&str> = catalogue().iter().map(|metric| metric.name.as_str()).collect();
-        assert_eq!(names.len(), catalogue().len());
+        let names: BTreeSet<&str> = all_metrics().iter().map(|metric| metric.name.as_str()).collect();
+        assert_eq!(names.len(), all_metrics().len());
         let scores = Scores { outside_alpha_tol_share: Some(Axes::default()), ..Scores::default() };
         for name in scores.properties().keys().filter(|name| *name != "window_s") {
             assert!(names.contains(name.as_str()), "{name} has no definition");
@@ -407,8 +407,8 @@ mod tests {
         for family in FAMILIES {
             assert!(!family.about.is_empty() && !family.formula.is_empty(), "{}", family.name);
         }
-        let labels: BTreeSet<String> = catalogue().iter().map(Metric::label).collect();
-        assert_eq!(labels.len(), catalogue().len(), "people can tell them apart");
+        let labels: BTreeSet<String> = all_metrics().iter().map(Metric::label).collect();
+        assert_eq!(labels.len(), all_metrics().len(), "people can tell them apart");
         let label = |name| named(name).expect("is there").label();
         assert_eq!(label("measured.distance_m"), "Distance to net, measured RMS error [m]");
         assert_eq!(label("nis.yaw_rate"), "Yaw rate, normalised innovation squared");
@@ -424,7 +424,7 @@ mod tests {
         assert_eq!(names(&["true.depth_m", "measured.depth_m"]), ["measured.depth_m", "true.depth_m"]);
         assert_eq!(names(&["nis"]).len(), 6);
         assert_eq!(names(&["*_bias.sway*"]), ["measured_bias.sway_m_per_s", "true_bias.sway_m_per_s"]);
-        assert_eq!(names(&["all"]).len(), catalogue().len());
+        assert_eq!(names(&["all"]).len(), all_metrics().len());
         let error = Selection::parse(["measured.dept_m"]).expect_err("is none");
         assert!(error.ends_with("did you mean `measured.depth_m`?"), "{error}");
         assert!(fits("abc", "a*c") && fits("abc", "*") && !fits("abc", "a*b") && fits("a.b.c", "*.b.*"));

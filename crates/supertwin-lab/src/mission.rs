@@ -12,7 +12,7 @@ use supertwin_core::command::{Command, ControllerCommand, EstimatorCommand, Guid
 pub struct MissionStep {
     /// Seconds from the start of the run.
     pub at_s: NonNegative,
-    /// What then.
+    /// Command that applies at that time.
     pub command: Command,
 }
 
@@ -58,7 +58,7 @@ impl Mission {
 /// A mission taken apart: each service plays its own part, at the same ticks.
 #[derive(Clone, Debug, Default)]
 pub struct Parts {
-    /// Faults.
+    /// Faults for the plant, by tick.
     pub plant: Vec<(u64, PlantCommand)>,
     /// For the estimator.
     pub estimator: Vec<(u64, EstimatorCommand)>,

@@ -34,7 +34,7 @@ pub fn is_needed(path: &str) -> bool {
 /// Scores of what is there.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rescored {
-    /// The scores.
+    /// Root-mean-square errors, biases and activities, as a run states them at its end.
     pub scores: Scores,
     /// Ticks of the window that were scored.
     pub ticks: u64,
@@ -52,15 +52,15 @@ pub enum RescoreError {
     /// A property is missing or is no number.
     #[error("{run}: property {name} is not there or not a number: the window of the scores is not known")]
     Property {
-        /// The run.
+        /// Name of the run, as its recording states it.
         run: String,
-        /// The property.
+        /// Name of the property of the run that is not there or not usable.
         name: &'static str,
     },
     /// Something was not recorded.
     #[error("{run}: {path} was not recorded: scores need it")]
     Signal {
-        /// The run.
+        /// Name of the run, as its recording states it.
         run: String,
         /// Which signal or label.
         path: &'static str,
@@ -68,21 +68,21 @@ pub enum RescoreError {
     /// A signal has another number of components.
     #[error("{run}: {path} has {width} components: must have {expected}")]
     Width {
-        /// The run.
+        /// Name of the run, as its recording states it.
         run: String,
-        /// Which signal.
+        /// Path of the signal in the recording.
         path: &'static str,
-        /// As recorded.
+        /// Components per tick in the recording.
         width: usize,
-        /// As needed.
+        /// Components per tick that the scores need.
         expected: usize,
     },
     /// A command of the recording is none.
     #[error("{run}: command/controller at tick {tick}: {cause}")]
     Command {
-        /// The run.
+        /// Name of the run, as its recording states it.
         run: String,
-        /// When.
+        /// Tick, from 0 at the start of the run.
         tick: i64,
         /// What is wrong.
         cause: String,
@@ -96,10 +96,10 @@ pub enum RescoreError {
 /// # Errors
 /// When the recording lacks a signal altogether, or its properties do not say what was run.
 pub fn rescore(source: &impl RunSource) -> Result<Rescored, RescoreError> {
-    let mut walk = Walk::new(source, true)?;
-    let tick_s = walk.tick_s;
+    let mut reader = SampleReader::new(source, true)?;
+    let tick_s = reader.tick_s;
     let from = Tick::at_or_after(number(source, "score_from_s")?, tick_s);
-    let last = walk.last();
+    let last = reader.last();
     // A run without an agreed end is scored to where it ended.
     let to =
         number(source, "duration_s").map_or(last.max(0) as u64 + 1, |duration_s| Tick::at_or_after(duration_s, tick_s));
@@ -112,7 +112,7 @@ pub fn rescore(source: &impl RunSource) -> Result<Rescored, RescoreError> {
             continue;
         }
         before = k;
-        let Some(Sample { tick, tracking, thrust, made, law }) = walk.at(k)? else { continue };
+        let Some(Sample { tick, tracking, thrust, made, law }) = reader.at(k)? else { continue };
         scorer.add(tick, &tracking, &thrust, &made, &law);
         ticks += u64::from(tick.k >= from);
     }
@@ -141,7 +141,7 @@ pub(crate) struct Sample {
 }
 
 /// A recording tick by tick, forwards.
-pub(crate) struct Walk<'a, S> {
+pub(crate) struct SampleReader<'a, S> {
     source: &'a S,
     pub(crate) tick_s: f64,
     cursors: Vec<(&'static Signal, Cursor<'a>)>,
@@ -150,7 +150,7 @@ pub(crate) struct Walk<'a, S> {
     law: LawAtWork<'a>,
 }
 
-impl<'a, S: RunSource> Walk<'a, S> {
+impl<'a, S: RunSource> SampleReader<'a, S> {
     /// From the beginning. Without `truth`, a run that has none can be walked along as well.
     pub(crate) fn new(source: &'a S, truth: bool) -> Result<Self, RescoreError> {
         let run = || source.name().to_owned();

@@ -93,7 +93,7 @@ pub(crate) fn around(visitor: &mut impl RingVisitor) {
 /// The four blocks of a trial, not yet wired.
 #[derive(Clone, Debug)]
 pub struct Blocks {
-    /// The truth.
+    /// Vehicle, sea and sensors: thrust into measurements, and the true state.
     pub plant: Plant,
     /// Measurements into navigation.
     pub estimator: Estimator,

@@ -23,9 +23,9 @@ use supertwin_plant::cage::Cage;
 pub struct RunOutcome {
     /// Scores over the trial's window.
     pub scores: Scores,
-    /// State hash.
+    /// Hash over the states and outputs of all blocks at all ticks.
     pub digest: RunDigest,
-    /// Ticks done.
+    /// Ticks that were simulated.
     pub ticks: u64,
     /// False when it was stopped before its end.
     pub complete: bool,

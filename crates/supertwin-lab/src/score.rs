@@ -50,9 +50,9 @@ impl<V: SignalValues> SignalValues for OrNan<'_, V> {
 /// total speed against `U_d`, the others against the output of the reference models.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Tracking {
-    /// As estimated.
+    /// From the estimator, in the order of `QUANTITIES`.
     pub measured: [f64; COUNT],
-    /// As wanted.
+    /// From guidance, in the order of `QUANTITIES`.
     pub reference: [f64; COUNT],
     /// As it is.
     pub truth: [f64; COUNT],

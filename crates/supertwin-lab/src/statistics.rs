@@ -41,7 +41,7 @@ pub fn quantile(sorted: &[f64], share: f64) -> Option<f64> {
     Some(sorted[below] + (place - below as f64) * (sorted[above] - sorted[below]))
 }
 
-/// From, to.
+/// Bounds of an interval, in the unit of the quantity.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 #[allow(missing_docs, reason = "the field names say it")]
 pub struct Interval {
@@ -95,15 +95,15 @@ pub fn sign_test(wins: usize, losses: usize) -> f64 {
 /// What several seeds have in common.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Summary {
-    /// Runs.
+    /// Number of finite values.
     pub n: usize,
-    /// Arithmetic mean.
+    /// Arithmetic mean, `Σx/n`.
     pub mean: f64,
     /// Sample standard deviation; `None` of a single run.
     pub standard_deviation: Option<f64>,
-    /// Least.
+    /// Smallest value.
     pub min: f64,
-    /// Most.
+    /// Largest value.
     pub max: f64,
 }
 
@@ -154,7 +154,7 @@ impl Better {
 /// What the numbers allow to say.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Verdict {
+pub enum DifferenceVerdict {
     /// The interval is on the good side of zero, and more seeds are better than worse.
     Better,
     /// The interval is on the bad side of zero, and more seeds are worse than better.
@@ -182,14 +182,14 @@ pub struct Difference {
     pub interval: Option<Interval>,
     /// Seeds in which the other one is better, is worse, and neither.
     pub better_seeds: usize,
-    /// See `better_seeds`.
+    /// Seeds in which the other one is worse than the baseline.
     pub worse_seeds: usize,
-    /// See `better_seeds`.
+    /// Seeds in which neither is better.
     pub equal_seeds: usize,
     /// Of the exact two-sided sign test; `None` where neither value is the better one.
     pub sign_test_p: Option<f64>,
     /// What may be said.
-    pub verdict: Verdict,
+    pub verdict: DifferenceVerdict,
 }
 
 impl Difference {
@@ -209,13 +209,13 @@ impl Difference {
         let interval = (seeds >= FEWEST_SEEDS).then(|| bootstrap_interval(&differences, name)).flatten();
         let mean = mean(&differences);
         let verdict = match (interval, better.favours(mean)) {
-            _ if differences.iter().all(|difference| *difference == 0.0) => Verdict::Equal,
-            (None, _) => Verdict::TooFewSeeds,
-            (Some(interval), _) if interval.includes_zero() => Verdict::NoClearDifference,
-            (Some(_), Some(true)) if better_seeds > worse_seeds => Verdict::Better,
-            (Some(_), Some(false)) if worse_seeds > better_seeds => Verdict::Worse,
-            (Some(_), None) => Verdict::Different,
-            (Some(_), Some(_)) => Verdict::NoClearDifference,
+            _ if differences.iter().all(|difference| *difference == 0.0) => DifferenceVerdict::Equal,
+            (None, _) => DifferenceVerdict::TooFewSeeds,
+            (Some(interval), _) if interval.includes_zero() => DifferenceVerdict::NoClearDifference,
+            (Some(_), Some(true)) if better_seeds > worse_seeds => DifferenceVerdict::Better,
+            (Some(_), Some(false)) if worse_seeds > better_seeds => DifferenceVerdict::Worse,
+            (Some(_), None) => DifferenceVerdict::Different,
+            (Some(_), Some(_)) => DifferenceVerdict::NoClearDifference,
         };
         Some(Self {
             seeds,
@@ -246,16 +246,18 @@ impl Difference {
             None => format!("difference {:+.digits$}{unit}", self.mean, digits = digits(libm::fabs(self.mean))),
         };
         match self.verdict {
-            Verdict::Better => format!("better in {} of {seeds} seeds, {number}", self.better_seeds),
-            Verdict::Worse => format!("worse in {} of {seeds} seeds, {number}", self.worse_seeds),
-            Verdict::Different => number,
-            Verdict::NoClearDifference if self.sign_test_p.is_none() => format!("no clear difference: {number}"),
-            Verdict::NoClearDifference => {
+            DifferenceVerdict::Better => format!("better in {} of {seeds} seeds, {number}", self.better_seeds),
+            DifferenceVerdict::Worse => format!("worse in {} of {seeds} seeds, {number}", self.worse_seeds),
+            DifferenceVerdict::Different => number,
+            DifferenceVerdict::NoClearDifference if self.sign_test_p.is_none() => {
+                format!("no clear difference: {number}")
+            }
+            DifferenceVerdict::NoClearDifference => {
                 format!("no clear difference: better in {} of {seeds} seeds, {number}", self.better_seeds)
             }
-            Verdict::Equal if seeds == 1 => "equal".to_owned(),
-            Verdict::Equal => format!("equal in all {seeds} seeds"),
-            Verdict::TooFewSeeds => {
+            DifferenceVerdict::Equal if seeds == 1 => "equal".to_owned(),
+            DifferenceVerdict::Equal => format!("equal in all {seeds} seeds"),
+            DifferenceVerdict::TooFewSeeds => {
                 let s = if seeds == 1 { "" } else { "s" };
                 format!("{number}; {seeds} seed{s}, a verdict needs {FEWEST_SEEDS}")
             }
@@ -344,10 +346,10 @@ mod tests {
         let sentence = better.sentence("m/s");
         assert!(sentence.starts_with("better in 19 of 20 seeds, difference -0.02"), "{sentence}");
         assert!(sentence.contains(" m/s [-0.02"), "{sentence}");
-        assert_eq!(better.verdict, Verdict::Better);
-        assert_eq!(difference(&after, Better::Higher).verdict, Verdict::Worse);
+        assert_eq!(better.verdict, DifferenceVerdict::Better);
+        assert_eq!(difference(&after, Better::Higher).verdict, DifferenceVerdict::Worse);
         let shown = difference(&after, Better::Neither);
-        assert_eq!((shown.verdict, shown.sign_test_p), (Verdict::Different, None));
+        assert_eq!((shown.verdict, shown.sign_test_p), (DifferenceVerdict::Different, None));
 
         let noise: Vec<f64> =
             before.iter().enumerate().map(|(i, x)| x + if i % 2 == 0 { 0.01 } else { -0.0099 }).collect();
@@ -356,7 +358,7 @@ mod tests {
         assert_eq!(difference(&before, Better::Lower).sentence("m"), "equal in all 20 seeds");
 
         let few = difference(&after[..4], Better::Lower);
-        assert_eq!((few.verdict, few.interval), (Verdict::TooFewSeeds, None));
+        assert_eq!((few.verdict, few.interval), (DifferenceVerdict::TooFewSeeds, None));
         let few = few.sentence("m");
         assert!(few.ends_with("4 seeds, a verdict needs 5") && !few.contains("better"), "{few}");
     }
@@ -368,7 +370,7 @@ mod tests {
         let after: Vec<f64> = (0..20).map(|i| if i == 3 { -99.0 } else { 1.0 + 0.01 * f64::from(i + 1) }).collect();
         let difference = Difference::of(&by_seed(&before), &by_seed(&after), Better::Lower, "x").expect("pairs");
         assert!(difference.mean < 0.0 && difference.worse_seeds == 19);
-        assert_eq!(difference.verdict, Verdict::NoClearDifference);
+        assert_eq!(difference.verdict, DifferenceVerdict::NoClearDifference);
     }
 
     #[test]
@@ -381,7 +383,7 @@ mod tests {
         // A bias of +0.1 is as good as one of −0.1.
         let sides =
             Difference::of(&BTreeMap::from([(1, -0.1)]), &BTreeMap::from([(1, 0.1)]), Better::NearestTo(0.0), "bias");
-        assert_eq!(sides.map(|sides| sides.verdict), Some(Verdict::Equal));
+        assert_eq!(sides.map(|sides| sides.verdict), Some(DifferenceVerdict::Equal));
     }
 
     #[test]

@@ -53,7 +53,7 @@ pub struct TrialConfig {
     pub start: StartConfig,
     /// What is scored.
     pub score: ScoreWindow,
-    /// Timed commands.
+    /// Commands in the order of their times, in simulated seconds.
     pub mission: Vec<MissionStep>,
 }
 
@@ -103,9 +103,9 @@ pub struct VehicleConfig {
     pub unmodelled: UnmodelledConfig,
     /// When an axis counts as limited.
     pub allocation: AllocationConfig,
-    /// Thruster dynamics.
+    /// Delay, time constant and dead band that all thrusters share.
     pub propulsion: PropulsionConfig,
-    /// The thrusters.
+    /// Position, direction and group of each thruster, in the order of the thrust signal.
     pub thruster: Vec<ThrusterConfig>,
 }
 
@@ -125,11 +125,11 @@ pub struct SafetyConfig {
     pub description: String,
     /// The plant: a thrust command older than this means neutral.
     pub plant: PlantLimits,
-    /// The estimator.
+    /// Greatest ages, in seconds, of the inputs that the estimator works with.
     pub estimator: EstimatorLimits,
-    /// Guidance.
+    /// Greatest ages, in seconds, of the inputs that guidance works with.
     pub guidance: GuidanceLimits,
-    /// The controller.
+    /// Greatest ages, in seconds, of the inputs that the controller works with.
     pub controller: ControllerLimits,
     /// How the vehicle brakes when guidance is silent.
     pub fallback: FallbackConfig,
@@ -179,19 +179,19 @@ pub struct ResolvedTrial {
     pub path: PathBuf,
     /// The files of its pieces, for errors.
     pub places: Places,
-    /// The trial.
+    /// Section `trial`: duration, tick, seed, mission.
     pub trial: TrialConfig,
-    /// The vehicle.
+    /// Section `vehicle`: the true vehicle and the model that the controller knows.
     pub vehicle: VehicleConfig,
     /// Sea and pen.
     pub environment: EnvironmentConfig,
-    /// Sensors.
+    /// Section `sensors`: rates, noise and constant errors of each sensor.
     pub sensors: SensorsConfig,
-    /// Estimator.
+    /// Section `estimator`: Kalman filter, gates of its measurements, net plane.
     pub estimator: EstimatorConfig,
-    /// Guidance.
+    /// Section `guidance`: line-of-sight law, reference models, limits of set-points.
     pub guidance: GuidanceConfig,
-    /// Stale inputs.
+    /// Section `safety`: how long each block goes on with stale inputs.
     pub safety: SafetyConfig,
     /// Name of the controller of this run.
     pub controller_name: String,

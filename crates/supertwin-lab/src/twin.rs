@@ -20,9 +20,9 @@ const MAX_EVENTS: usize = 16;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("tick {k}: {path} is NaN or infinite")]
 pub struct NonFinite {
-    /// When.
+    /// Tick at which it was found.
     pub k: u64,
-    /// What.
+    /// Path of the signal that holds NaN or an infinity.
     pub path: &'static str,
 }
 
@@ -61,7 +61,7 @@ impl Twin {
         Ok(Self::of(Blocks::new(trial, seed)?))
     }
 
-    /// Wires blocks.
+    /// Connects the outputs of the blocks with the inputs of the next in the ring.
     #[must_use]
     pub fn of(blocks: Blocks) -> Self {
         let watches = [
@@ -100,7 +100,7 @@ impl Twin {
         }
     }
 
-    /// One lap.
+    /// Steps every block once, in the order of the ring.
     pub fn step(&mut self, tick: Tick) {
         self.events.clear();
         self.wires.begin(tick);
@@ -147,7 +147,7 @@ impl Twin {
         self.events_dropped
     }
 
-    /// The truth.
+    /// True state of the vehicle after the last step.
     #[must_use]
     pub fn truth(&self) -> &Truth {
         self.blocks.plant.truth()
@@ -164,7 +164,7 @@ impl Twin {
         })
     }
 
-    /// The controller.
+    /// The controller block, with its law and gains after the last step.
     #[must_use]
     pub fn controller(&self) -> &Controller {
         &self.blocks.controller

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use supertwin_core::source::Kept;
 use supertwin_core::{Property, RunSource, signal};
 use supertwin_lab::align::{Alignment, Grid, Window};
-use supertwin_lab::metrics::{Evaluated, MetricsError, Selection, catalogue, evaluate};
+use supertwin_lab::metrics::{Evaluated, MetricsError, Selection, all_metrics, evaluate};
 
 fn all() -> Selection {
     Selection::parse(["all"]).expect("is known")
@@ -72,7 +72,7 @@ fn every_metric_of_a_batch_run_has_a_value_and_the_sizes_make_sense() {
     let values = evaluate(&kept, &own(&kept), &all()).expect("is evaluated").values;
     let of_links =
         ["loop_us", "step_us", "transport", "input_age", "messages_lost", "deadlines", "recorder", "unrecorded"];
-    for metric in catalogue() {
+    for metric in all_metrics() {
         let of_a_link = of_links.iter().any(|prefix| metric.name.starts_with(prefix));
         assert_eq!(values.contains_key(&metric.name), !of_a_link, "{}", metric.name);
     }

@@ -153,7 +153,7 @@ fn the_reference_of_metrics_is_the_catalogue() {
         .to_owned();
     text += &head(&["family", "quantities", "formula", "meaning", "better is"]);
     let mut families: Vec<(&metrics::Family, Vec<String>)> = Vec::new();
-    for metric in metrics::catalogue() {
+    for metric in metrics::all_metrics() {
         let quantity = metric.name.strip_prefix(metric.family.name).unwrap_or_default().trim_start_matches('.');
         let quantity = if quantity.is_empty() { "itself".to_owned() } else { format!("`{quantity}`") };
         let quantity = if metric.unit.is_empty() { quantity } else { format!("{quantity} [{}]", metric.unit) };

@@ -4,7 +4,7 @@ use crate::common::library;
 use std::collections::BTreeSet;
 use std::path::Path;
 use supertwin_lab::ConfigError;
-use supertwin_lab::sweep::{Keep, Plan, Sweep};
+use supertwin_lab::sweep::{KeepRecordings, Plan, Sweep};
 use tempfile::TempDir;
 use toml::Value;
 
@@ -58,7 +58,7 @@ fn a_grid_is_every_value_with_every_other_in_a_fixed_order() {
         [[parameter]]\nname = \"mass\"\npaths = [\"vehicle.true.rigid_body.mass_kg\", \"vehicle.nominal.rigid_body.mass_kg\"]\n\
         from = 0.5\nto = 2.0\nsteps = 3\nspacing = \"logarithmic\"\ntimes = true\n";
     let (sweep, plan) = plan(text);
-    assert_eq!((sweep.seeds.as_slice(), sweep.keep), (&[7, 3][..], Keep::OnFail));
+    assert_eq!((sweep.seeds.as_slice(), sweep.keep_recordings), (&[7, 3][..], KeepRecordings::OnFail));
     assert_eq!(plan.configurations.len(), 2 * 2 * 3);
     assert_eq!(plan.runs.len(), 24);
     assert_eq!(plan.runs[0].id, "paper-pid-grid0-seed7");

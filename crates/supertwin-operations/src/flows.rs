@@ -110,7 +110,7 @@ fn listen(network: &NetworkClient, for_s: f64, stage: &str, progress: &dyn Progr
 /// A service that is up.
 #[derive(Clone, Debug, Serialize)]
 pub struct ListedService {
-    /// Its name.
+    /// Name of the service in the ring.
     pub service: String,
     /// Tells it from another of the same name.
     pub instance: String,
@@ -132,7 +132,7 @@ pub struct ListedKey {
 /// A vehicle that is up, or whose keys flow.
 #[derive(Clone, Debug, Serialize)]
 pub struct ListedVehicle {
-    /// Its name.
+    /// Name of the vehicle on the network.
     pub vehicle: String,
     /// Services that are up.
     pub services: Vec<ListedService>,
@@ -195,9 +195,9 @@ pub struct KeyRate {
     pub rate_hz: Option<f64>,
     /// Standard deviation of the intervals.
     pub jitter_ms: Option<f64>,
-    /// Longest interval.
+    /// Longest time between two messages.
     pub longest_gap_ms: f64,
-    /// Of payloads.
+    /// Bytes of payloads, without headers of the transport.
     pub bytes_per_s: f64,
     /// By the numbers of the messages; `None`: they have none.
     pub missing: Option<u64>,

@@ -10,7 +10,7 @@ use supertwin_rerun::Recording;
 /// One signal, label or wire.
 #[derive(Debug, Serialize)]
 pub struct RecordedSignal {
-    /// Its path.
+    /// Path of the signal in the recording.
     pub path: String,
     /// Names of its components.
     pub components: Vec<String>,

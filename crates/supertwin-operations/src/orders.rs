@@ -106,7 +106,7 @@ pub struct Outcome {
     pub name: String,
     /// The service that it is for.
     pub service: &'static str,
-    /// Its value.
+    /// Value that was asked for.
     pub value: Value,
     /// `applied`, `scheduled`, `refused`, `unanswered`.
     pub status: &'static str,

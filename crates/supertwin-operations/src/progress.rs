@@ -12,7 +12,7 @@ pub trait Progress: Sync {
     fn end(&self);
 }
 
-/// Nobody waits.
+/// Shows no progress.
 impl Progress for () {
     fn begin(&self, _: &str, _: u64) {}
     fn advance(&self, _: u64) {}

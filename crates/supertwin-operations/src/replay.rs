@@ -64,7 +64,7 @@ impl Source {
         Ok(Self { file: file.to_owned(), recording })
     }
 
-    /// The recording.
+    /// The recording that is replayed.
     #[must_use]
     pub fn recording(&self) -> &Recording {
         &self.recording

@@ -41,13 +41,13 @@ struct Job {
 /// One run that was done.
 #[derive(Debug, Serialize)]
 pub struct FinishedRun {
-    /// Its trial.
+    /// Name of the trial.
     pub trial: String,
-    /// Its controller.
+    /// Name of the controller.
     pub controller: String,
-    /// Its seed.
+    /// Seed of the noise of sea, sensors and faults.
     pub seed: u64,
-    /// State hash.
+    /// Hash over the states and outputs of all blocks at all ticks, in hexadecimal.
     pub hash: String,
     /// Ticks that it took.
     pub ticks: u64,
@@ -61,9 +61,9 @@ pub struct FinishedRun {
     pub wall_s: f64,
     /// Simulated seconds per second.
     pub real_time_factor: f64,
-    /// Its recording.
+    /// Path of the recording; `None` when none was asked for.
     pub recording: Option<PathBuf>,
-    /// Its scores.
+    /// Scores at the end of the run.
     pub scores: Scores,
     /// Length of a tick in simulated seconds.
     #[serde(skip)]

@@ -27,7 +27,7 @@ struct ServiceState {
 /// How one instance of a service is.
 #[derive(Debug, Serialize)]
 pub struct ServiceLine<'a> {
-    /// Its name.
+    /// Name of the service in the ring.
     pub service: &'a str,
     /// Tells it from another of the same name.
     pub instance: &'a str,

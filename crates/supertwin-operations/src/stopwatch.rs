@@ -8,7 +8,7 @@ use std::time::Instant;
 pub struct Stopwatch(Instant);
 
 impl Stopwatch {
-    /// Starts.
+    /// Starts measuring now.
     #[must_use]
     pub fn start() -> Self {
         Self(Instant::now())

@@ -22,7 +22,7 @@ pub const WITNESS: &str = "verify";
 /// One placement of one trial.
 #[derive(Debug, Serialize)]
 pub struct PlacementCheck {
-    /// Its name.
+    /// Name of the trial that was run.
     pub trial: String,
     /// Where it ran.
     pub placement: &'static str,
@@ -43,7 +43,7 @@ pub struct PlacementCheck {
 /// Where two placements part.
 #[derive(Clone, Debug, Serialize)]
 pub struct FirstDifference {
-    /// When.
+    /// Tick, from 0 at the start of the run.
     pub tick: u64,
     /// Who shows it.
     pub service: String,
@@ -60,7 +60,7 @@ pub struct FirstDifference {
 pub enum Process<'a> {
     /// A router on a free port of this machine; it prints a line of JSON with its endpoints under `listening`.
     Router,
-    /// One service.
+    /// A host of one service of the ring.
     Service(ServiceProcess<'a>),
 }
 
@@ -73,9 +73,9 @@ pub struct ServiceProcess<'a> {
     pub endpoint: &'a str,
     /// Name on the network.
     pub vehicle: &'a str,
-    /// What runs.
+    /// Trial that the service is part of.
     pub trial: &'a ResolvedTrial,
-    /// Simulated seconds.
+    /// Length of the run in simulated seconds.
     pub duration_s: f64,
     /// Shares of messages that are lost and doubled on purpose.
     pub faults: Option<(f64, f64)>,

@@ -18,7 +18,7 @@ const TLS: &str = "tls/0.0.0.0:7447";
 /// Where credentials are looked for, unless told otherwise: `ca.pem`, `ROLE.pem`, `ROLE.key`.
 const INSTALLED: &str = "/etc/supertwin";
 
-/// Whose settings.
+/// What settings of a Zenoh session or router are made from.
 #[derive(Clone, Debug)]
 pub struct SettingsOptions {
     /// What they may.

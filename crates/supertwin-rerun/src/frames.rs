@@ -31,7 +31,7 @@ const LZ4_EXPANSION: u64 = 255;
 
 /// What stands at a place in the file.
 pub(crate) enum Piece {
-    /// A message.
+    /// A message of the Rerun log that is not a chunk of data.
     Message(Box<LogMsg>),
     /// Part of the recording, with the store it belongs to.
     Chunk(Box<LogMsg>, Box<Chunk>),

@@ -28,7 +28,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
-mod belated;
+mod atomic_file;
 pub mod blueprint;
 mod chunks;
 mod compact;
@@ -36,10 +36,9 @@ mod derived;
 pub mod event;
 pub mod export;
 mod frames;
+mod late_rows;
 pub mod live;
 pub mod merge;
-mod notes;
-mod place;
 pub mod read;
 pub mod repair;
 mod scene;
@@ -47,6 +46,7 @@ pub mod signals;
 pub mod sink;
 pub mod style;
 pub mod table;
+mod text_and_byte_rows;
 mod writer;
 
 pub use chunks::Clocks;

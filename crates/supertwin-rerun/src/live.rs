@@ -41,7 +41,7 @@ pub enum LiveError {
     /// Somebody else listens there.
     #[error("port {port} on 127.0.0.1: {cause}")]
     Port {
-        /// The port.
+        /// TCP port that the live view was to listen on.
         port: u16,
         /// What the system says.
         cause: String,

@@ -53,7 +53,7 @@ pub struct Recording {
 /// Something in a file that is missing or can't be read.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Damage {
-    /// The file.
+    /// Path of the file as it was given.
     pub path: PathBuf,
     /// Where in the file.
     pub from: u64,
@@ -79,7 +79,7 @@ pub enum ReadError {
     /// The file can't be read at all.
     #[error("{}: {error}", path.display())]
     File {
-        /// The file.
+        /// Path of the file as it was given.
         path: PathBuf,
         /// What the system says.
         error: io::Error,
@@ -87,13 +87,13 @@ pub enum ReadError {
     /// There is not even the beginning of a recording.
     #[error("{}: the file is empty, or ends before a recording begins", path.display())]
     Empty {
-        /// The file.
+        /// Path of the file as it was given.
         path: PathBuf,
     },
     /// The file is something else.
     #[error("{}: not a recording: {problem}", path.display())]
     Foreign {
-        /// The file.
+        /// Path of the file as it was given.
         path: PathBuf,
         /// What there is instead.
         problem: String,
@@ -101,7 +101,7 @@ pub enum ReadError {
     /// A recording of another program.
     #[error("{}: a recording of {application:?}, must be one of {APPLICATION:?}", path.display())]
     Application {
-        /// The file.
+        /// Path of the file as it was given.
         path: PathBuf,
         /// Whose it is.
         application: String,
@@ -109,15 +109,15 @@ pub enum ReadError {
     /// Several runs side by side.
     #[error("{}: a comparison, not a recording of a run; open it with `rerun {}`", path.display(), path.display())]
     Comparison {
-        /// The file.
+        /// Path of the file as it was given.
         path: PathBuf,
     },
     /// Written by a later version of this program.
     #[error("{}: format = {format}: must be at most {FORMAT}; a newer supertwin wrote this", path.display())]
     Newer {
-        /// The file.
+        /// Path of the file as it was given.
         path: PathBuf,
-        /// Its format.
+        /// Number of the recording format, newer than this program reads.
         format: u64,
     },
 }

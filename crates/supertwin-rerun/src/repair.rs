@@ -2,7 +2,7 @@
 
 use crate::frames::Piece;
 use crate::read::{self, Damage, ReadError, Recording};
-use crate::{APPLICATION, place};
+use crate::{APPLICATION, atomic_file};
 use rerun::external::re_log_encoding::{Encoder, EncodingOptions};
 use rerun::external::re_log_types::{SetStoreInfo, StoreInfo, StoreSource};
 use rerun::log::{LogMsg, RowId};
@@ -58,7 +58,7 @@ pub enum RepairError {
     Write {
         /// The repaired file.
         path: PathBuf,
-        /// Why.
+        /// What the system or the parser reported.
         error: io::Error,
     },
     /// What was written does not read as what was saved.
@@ -98,7 +98,7 @@ pub fn repair(from: &Path, to: &Path, overwrite: bool) -> Result<Repair, RepairE
     if saved.rows.is_empty() && saved.properties.is_empty() {
         return Err(RepairError::Nothing { path: from.to_owned() });
     }
-    place::create(to, overwrite, |file, unfinished| {
+    atomic_file::create(to, overwrite, |file, unfinished| {
         let mut file = BufWriter::new(file);
         copy(from, &saved.damage, &mut file)?;
         file.into_inner().map_err(io::IntoInnerError::into_error)?.sync_all()?;

@@ -33,7 +33,7 @@ const THRUSTER_COLOR: u32 = 0x3030_30FF;
 const FORCE_COLOR: u32 = 0xFF8C_1AFF;
 const CURRENT_COLOR: u32 = 0x4CE0_E0FF;
 
-/// What moves.
+/// What moves in the picture: path, beams and forces of the thrusters.
 #[derive(Default)]
 pub(crate) struct Scene {
     beams: [[f64; 3]; 4],

@@ -1,11 +1,11 @@
 //! A run as it is heard, gathered in columns and handed to the file batch by batch.
 
-use crate::belated::Belated;
 use crate::chunks::{Clocks, Problem, Rows, Times, columns, fixed, text};
 use crate::derived::Derived;
+use crate::late_rows::LateRows;
 use crate::live::Live;
-use crate::notes::Notes;
 use crate::scene::Scene;
+use crate::text_and_byte_rows::TextAndByteRows;
 use crate::writer::{Job, Writer};
 use crate::{blueprint, event, read, style};
 use rerun::external::arrow::array::{Float64Array, UInt64Array};
@@ -61,8 +61,8 @@ pub struct RerunSink {
     vectors: Slots<Column>,
     labels: Slots<Track>,
     events: BTreeMap<Cow<'static, str>, Vec<(Event, Option<Clocks>)>>,
-    notes: BTreeMap<String, Notes>,
-    belated: Belated,
+    notes: BTreeMap<String, TextAndByteRows>,
+    late_rows: LateRows,
     scene: Scene,
     derived: Derived,
     /// What went wrong in a call that can't return it.
@@ -139,7 +139,7 @@ impl RerunSink {
             labels: Slots::default(),
             events: BTreeMap::new(),
             notes: BTreeMap::new(),
-            belated: Belated::default(),
+            late_rows: LateRows::default(),
             scene: Scene::default(),
             derived: Derived::default(),
             failure: None,
@@ -224,8 +224,8 @@ impl RerunSink {
 
     /// What is shown from here on belongs to `tick`, which has been written without it; until the next tick begins.
     /// Nothing is drawn of it, and no curves follow from it.
-    pub fn belated(&mut self, tick: Tick, clocks: Clocks) {
-        self.belated.at = Some((tick, clocks));
+    pub fn late_tick(&mut self, tick: Tick, clocks: Clocks) {
+        self.late_rows.at = Some((tick, clocks));
     }
 
     /// An event that came over a network.
@@ -248,9 +248,9 @@ impl RerunSink {
         self.note(path).add_bytes(tick, clocks, bytes);
     }
 
-    fn note(&mut self, path: &str) -> &mut Notes {
+    fn note(&mut self, path: &str) -> &mut TextAndByteRows {
         if !self.notes.contains_key(path) {
-            self.notes.insert(path.to_owned(), Notes::default());
+            self.notes.insert(path.to_owned(), TextAndByteRows::default());
         }
         self.notes.entry(path.to_owned()).or_default()
     }
@@ -331,7 +331,7 @@ impl RerunSink {
         for (path, notes) in &mut self.notes {
             jobs.extend(notes.chunks(path)?.into_iter().map(Job::Chunk));
         }
-        jobs.extend(self.belated.chunks()?.into_iter().map(Job::Chunk));
+        jobs.extend(self.late_rows.chunks()?.into_iter().map(Job::Chunk));
         jobs.extend(derived);
         if !batch.is_empty() {
             jobs.push(Job::Batch(batch));
@@ -359,8 +359,8 @@ impl RerunSink {
 impl Probe for RerunSink {
     fn vector(&mut self, signal: &'static Signal, values: &[f64]) {
         let width = values.len();
-        if self.belated.at.is_some() {
-            if width > 0 && !self.belated.numbers(signal, values) {
+        if self.late_rows.at.is_some() {
+            if width > 0 && !self.late_rows.numbers(signal, values) {
                 self.fail(|| format!("{} changed its width to {width}", signal.path));
             }
             return;
@@ -385,7 +385,7 @@ impl Probe for RerunSink {
 
     fn label(&mut self, signal: &'static Signal, value: &'static str) {
         let row = self.ticks.len().checked_sub(1);
-        if row.is_none() && self.belated.at.is_none() {
+        if row.is_none() && self.late_rows.at.is_none() {
             return self.fail(|| format!("{} is shown before the first tick", signal.path));
         }
         let at = self.labels.find(signal).unwrap_or_else(|| self.labels.insert(signal, Track::new(signal)));
@@ -394,12 +394,12 @@ impl Probe for RerunSink {
             return;
         }
         track.last = Some(value);
-        match row.filter(|_| self.belated.at.is_none()) {
+        match row.filter(|_| self.late_rows.at.is_none()) {
             Some(row) => {
                 track.rows.push(row as u32);
                 track.changes.push(value);
             }
-            None => self.belated.label(signal, value),
+            None => self.late_rows.label(signal, value),
         }
         if !track.known.contains(&value) {
             track.known.push(value);
@@ -420,7 +420,7 @@ impl RunSink for RerunSink {
         if self.ticks.len() >= self.options.batch_ticks {
             self.hand_over().map_err(|cause| self.error(cause))?;
         }
-        self.belated.at = None;
+        self.late_rows.at = None;
         self.last_tick = Some(tick);
         self.ticks.push(tick.k as i64);
         self.nanos.push(nanos(tick));

@@ -29,7 +29,7 @@ pub(crate) const REJECTED: u32 = REFERENCE;
 
 /// All is as it should be.
 pub(crate) const GOOD: u32 = 0x2E7D_46FF;
-/// Nothing happens.
+/// Colour of states in which nothing happens, RGBA.
 pub(crate) const IDLE: u32 = 0x4A4A_4AFF;
 /// Worth a look.
 pub(crate) const ALERT: u32 = 0xC25A_14FF;

@@ -2,7 +2,7 @@
 //!
 //! The same content has the same bytes: nothing in the file depends on when, where or by how many threads it was made.
 
-use crate::place;
+use crate::atomic_file;
 use parquet::arrow::ArrowWriter;
 use parquet::arrow::arrow_reader::ParquetRecordBatchReaderBuilder;
 use parquet::arrow::arrow_writer::ArrowWriterOptions;
@@ -25,11 +25,11 @@ const CREATED_BY: &str = concat!("supertwin version ", env!("CARGO_PKG_VERSION")
 /// The values of a column; `None` is null, which is not the same as NaN.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Column {
-    /// Real numbers.
+    /// Real numbers; `None` becomes a null.
     Number(Vec<Option<f64>>),
     /// Whole numbers from 0.
     Count(Vec<Option<u64>>),
-    /// Words.
+    /// UTF-8 text; `None` becomes a null.
     Text(Vec<Option<String>>),
     /// True or false.
     Flag(Vec<Option<bool>>),
@@ -111,7 +111,7 @@ pub enum TableError {
     /// A column does not fit to the others.
     #[error("column {name}: {rule}")]
     Column {
-        /// The column.
+        /// Name of the column.
         name: String,
         /// The broken rule.
         rule: String,
@@ -119,17 +119,17 @@ pub enum TableError {
     /// The file can't be written.
     #[error("{}: {error}", path.display())]
     Write {
-        /// The file.
+        /// Path of the file as it was given.
         path: PathBuf,
-        /// Why.
+        /// What the system or the parser reported.
         error: io::Error,
     },
     /// The file can't be read, or is no such table.
     #[error("{}: {cause}", path.display())]
     Read {
-        /// The file.
+        /// Path of the file as it was given.
         path: PathBuf,
-        /// Why.
+        /// What the system or the parser reported.
         cause: String,
     },
 }
@@ -175,7 +175,7 @@ impl Table {
     /// # Errors
     /// When the file exists or can't be written.
     pub fn write(&self, path: &Path, overwrite: bool) -> Result<(), TableError> {
-        place::create(path, overwrite, |file, _| self.put(file))
+        atomic_file::create(path, overwrite, |file, _| self.put(file))
             .map_err(|error: io::Error| TableError::Write { path: path.to_owned(), error })
     }
 

@@ -13,7 +13,7 @@ use std::io::BufReader;
 use std::path::{Path, PathBuf};
 use supertwin_core::signal::tracking;
 use supertwin_core::{RunHeader, RunSink, Tick};
-use supertwin_rerun::merge::{Better, Cell, Row, Scores};
+use supertwin_rerun::merge::{Better, Cell, ScoreRow, Scores};
 use supertwin_rerun::{COMPARISON, Merge, MergeError, MergedRun, Options, ReadError, RerunSink, merge, read};
 
 const TICKS: u64 = 1500;
@@ -262,7 +262,7 @@ fn scores_stand_in_a_text_and_in_bars() {
     sways(&file, 0, 0.1, 300);
     let runs = vec![of("a", file.clone(), 0), of("b", file, 1)];
     let cell = |value| Some(Cell { value, plus_minus: None });
-    let row = |name: &str, title: &str, chart| Row {
+    let row = |name: &str, title: &str, chart| ScoreRow {
         name: name.to_owned(),
         title: title.to_owned(),
         unit: "m/s".to_owned(),

@@ -82,7 +82,7 @@ fn what_came_after_its_tick_was_written_stands_at_its_tick() {
             // The far side of a cut link is heard again; nothing of a tick is waiting to be written.
             sink.flush().unwrap();
             for k in 10..20_u64 {
-                sink.belated(tick(k), Clocks { sender_ns: 7, recorder_ns: 19 });
+                sink.late_tick(tick(k), Clocks { sender_ns: 7, recorder_ns: 19 });
                 sink.vector(&WIDE, &[k as f64, 0.5, -0.0]);
                 sink.label(&STATE, if k < 15 { "before" } else { "cut" });
             }

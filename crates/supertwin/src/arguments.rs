@@ -111,7 +111,6 @@ pub(crate) enum PaceArgument {
     Lockstep,
 }
 
-/// Services.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum Service {
     /// The twin of the vehicle, its sensors and the sea; owns time

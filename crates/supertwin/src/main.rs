@@ -47,7 +47,6 @@ impl Cli {
     }
 }
 
-/// Verbs.
 #[derive(Debug, Subcommand)]
 enum Verb {
     /// Run trials in one process, as fast as possible; record and score them

@@ -5,7 +5,7 @@ use super::errors::Errors;
 use super::steps::{self, Moment, Response, Targets};
 use super::{Selection, Source, link};
 use crate::align::Grid;
-use crate::rescore::{RescoreError, Sample, Walk};
+use crate::rescore::{RescoreError, Sample, SampleReader};
 use crate::score::Scorer;
 use crate::statistics::mean;
 use std::collections::BTreeMap;
@@ -40,21 +40,21 @@ pub enum MetricsError {
     /// A number is none.
     #[error("{run}: {path} is not finite at tick {tick}")]
     NotFinite {
-        /// The run.
+        /// Name of the run, as its recording states it.
         run: String,
-        /// Which signal.
+        /// Path of the signal in the recording.
         path: &'static str,
-        /// Where.
+        /// Tick, from 0 at the start of the run.
         tick: i64,
     },
     /// Nothing of it is in the window.
     #[error("{run}: nothing of it is in the window: it goes from {from_s:.2} to {to_s:.2} s from time zero")]
     NoOverlap {
-        /// The run.
+        /// Name of the run, as its recording states it.
         run: String,
-        /// Its first moment.
+        /// Its first moment, in seconds from time zero.
         from_s: f64,
-        /// Its end.
+        /// Its last moment, in seconds from time zero.
         to_s: f64,
     },
 }
@@ -67,12 +67,12 @@ pub enum MetricsError {
 /// When the run lacks a signal altogether, has numbers that are none, or does not reach into the window.
 pub fn evaluate(source: &impl RunSource, grid: &Grid, wanted: &Selection) -> Result<Evaluated, MetricsError> {
     let run = || source.name().to_owned();
-    let mut walk = Walk::new(source, false)?;
-    let truth = walk.has_truth();
-    if let Some((path, tick)) = walk.not_finite(grid.tick(grid.from), grid.tick(grid.to)) {
+    let mut reader = SampleReader::new(source, false)?;
+    let truth = reader.has_truth();
+    if let Some((path, tick)) = reader.not_finite(grid.tick(grid.from), grid.tick(grid.to)) {
         return Err(MetricsError::NotFinite { run: run(), path, tick });
     }
-    let last = walk.last();
+    let last = reader.last();
     // The moment before the window is what its first variation starts from.
     let mut scorer = Scorer::new(1, 1 + grid.len(), grid.tick_s);
     let mut errors = Errors::default();
@@ -85,7 +85,7 @@ pub fn evaluate(source: &impl RunSource, grid: &Grid, wanted: &Selection) -> Res
     let responds = wanted.wants(&[Source::Steps, Source::TrueSteps]);
     for moment in grid.within(last) {
         let k = grid.tick(moment);
-        let Some(sample) = walk.at(k)? else { continue };
+        let Some(sample) = reader.at(k)? else { continue };
         let number = Tick { k: (moment - (grid.from - 1)) as u64, dt_s: grid.tick_s };
         let Sample { tick, tracking, thrust, made, law } = &sample;
         scorer.add(number, tracking, thrust, made, law);
@@ -105,7 +105,7 @@ pub fn evaluate(source: &impl RunSource, grid: &Grid, wanted: &Selection) -> Res
         }
     }
     if count == 0 {
-        let seconds = |tick: i64| (tick - grid.origin) as f64 * walk.tick_s;
+        let seconds = |tick: i64| (tick - grid.origin) as f64 * reader.tick_s;
         return Err(MetricsError::NoOverlap { run: run(), from_s: seconds(0), to_s: seconds(last + 1) });
     }
 

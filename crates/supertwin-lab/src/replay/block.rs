@@ -1,6 +1,6 @@
 //! One block, fed again with what it had: the messages, commands and restarts of every instance of it.
 
-use super::plan::{Instance, Part, Step};
+use super::plan::{BlockHistory, Instance, Step};
 use super::track::Track;
 use super::{Inexact, Messages};
 use crate::ring::RingBlock;
@@ -201,7 +201,7 @@ impl<B: RingBlock> State<B> {
 
 /// Replays all instances of a block. `build` gives the block of one of them.
 pub(crate) fn play<B: RingBlock, E>(
-    part: &Part,
+    part: &BlockHistory,
     messages: &mut Messages,
     how: How,
     mut build: impl FnMut(&Instance) -> Result<B, E>,

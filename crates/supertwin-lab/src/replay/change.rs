@@ -19,7 +19,7 @@ pub enum FromBlock {
 impl FromBlock {
     /// Its place in the ring.
     #[must_use]
-    pub fn place(self) -> usize {
+    pub fn position(self) -> usize {
         match self {
             Self::Estimator => 1,
             Self::Guidance => 2,
@@ -27,10 +27,10 @@ impl FromBlock {
         }
     }
 
-    /// Its service.
+    /// Name of the service that is replayed first.
     #[must_use]
     pub fn name(self) -> &'static str {
-        RING[self.place()]
+        RING[self.position()]
     }
 }
 
@@ -43,7 +43,7 @@ enum Concerns {
     Plant,
     /// What the disturbance takes the place of.
     Sea,
-    /// Scores only.
+    /// No block is replayed; the scores are computed anew.
     Score,
     /// What was recorded.
     Recorded,

@@ -27,7 +27,7 @@ use crate::config::ConfigError;
 use crate::ring::{Blocks, RingBlock, RingVisitor, around};
 use crate::trial::ResolvedTrial;
 use block::{How, Played, play};
-use plan::{Instance, Part, Plan};
+use plan::{BlockHistory, Instance, Plan};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use supertwin_core::digest::RunDigest;
@@ -43,25 +43,25 @@ pub enum ReplayError {
     /// A property is missing or is no number.
     #[error("{run}: property {name} is not there or not a number: the run can't be repeated without")]
     Property {
-        /// The run.
+        /// Name of the run, as its recording states it.
         run: String,
-        /// The property.
+        /// Name of the property of the run that is not there or not usable.
         name: &'static str,
     },
     /// Nothing that could be replayed.
     #[error("{run}: no step of any block was recorded")]
     Nothing {
-        /// The run.
+        /// Name of the run, as its recording states it.
         run: String,
     },
     /// Words of the recording that are not what they should be.
     #[error("{run}: {path} at tick {tick}: {cause}")]
     Account {
-        /// The run.
+        /// Name of the run, as its recording states it.
         run: String,
-        /// Where.
+        /// Path in the recording.
         path: String,
-        /// When.
+        /// Tick, from 0 at the start of the run.
         tick: i64,
         /// What is wrong.
         cause: String,
@@ -71,13 +71,13 @@ pub enum ReplayError {
         "{run}: recorded of another vehicle: {path} has {width} components, its configuration has {expected} thrusters"
     )]
     OtherVehicle {
-        /// The run.
+        /// Name of the run, as its recording states it.
         run: String,
-        /// Which signal.
+        /// Path of the signal in the recording.
         path: &'static str,
-        /// As recorded.
+        /// Components per tick in the recording.
         width: usize,
-        /// As configured.
+        /// Components per tick of the block that is configured.
         expected: usize,
     },
     /// The recording is the result of a replay.
@@ -85,9 +85,9 @@ pub enum ReplayError {
         "{run}: is a replay itself, in which not every block had the inputs that are recorded; replay {of} instead"
     )]
     Twice {
-        /// The run.
+        /// Name of the run, as its recording states it.
         run: String,
-        /// The original.
+        /// Name of the run that was replayed; its own recording has the messages.
         of: String,
     },
     /// The run over a network is missing the accounts.
@@ -95,9 +95,9 @@ pub enum ReplayError {
         "{run}: nothing says which messages {service} used (step/{service}): recorded without telemetry, or by an older program"
     )]
     NoAccount {
-        /// The run.
+        /// Name of the run, as its recording states it.
         run: String,
-        /// The block.
+        /// Name of the service that the block is in the ring.
         service: &'static str,
     },
     /// What was asked for has no effect on what is replayed.
@@ -114,17 +114,17 @@ pub enum ReplayError {
 /// A place where a replay is not what was recorded.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Difference {
-    /// Whose.
+    /// Service whose signal or label differs.
     pub service: String,
-    /// When.
+    /// Tick, from 0 at the start of the run.
     pub tick: u64,
     /// Path of the signal or label, or what else differs.
     pub signal: String,
     /// Its component; empty for a scalar or for all of it.
     pub component: String,
-    /// As recorded.
+    /// Value in the recording.
     pub recorded: String,
-    /// As replayed.
+    /// Value that the replay computed.
     pub replayed: String,
 }
 
@@ -145,14 +145,14 @@ pub struct Inexact {
     pub from_tick: u64,
     /// … to here.
     pub to_tick: u64,
-    /// Why.
+    /// Input or state that the recording lacks.
     pub why: String,
 }
 
 /// What became of one block.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct BlockVerdict {
-    /// Which.
+    /// Name of the service in the ring.
     pub service: &'static str,
     /// How many times it began: once, and once more for each restart.
     pub instances: u64,
@@ -276,7 +276,7 @@ impl<'a, S: RunSource> Replay<'a, S> {
         let mut messages = self.messages.clone();
         let mut played: Vec<Played> = Vec::new();
         for place in 0..RING.len() {
-            let anew = chain.is_some_and(|from| place >= from.place());
+            let anew = chain.is_some_and(|from| place >= from.position());
             if chain.is_none() || anew {
                 played.extend(
                     self.play(place, &mut messages, anew, &|service, instance| self.blocks(service, instance))?,
@@ -370,7 +370,7 @@ impl<'a, S: RunSource> Replay<'a, S> {
 /// Plays the block at one place of the ring.
 struct PlayAt<'a> {
     place: usize,
-    part: &'a Part,
+    part: &'a BlockHistory,
     messages: &'a mut Messages,
     how: How,
     build: &'a dyn Fn(&str, &Instance) -> Result<Blocks, ReplayError>,

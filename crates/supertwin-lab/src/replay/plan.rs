@@ -38,7 +38,7 @@ pub(crate) struct Instance {
 
 /// Everything that happened to one block.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(crate) struct Part {
+pub(crate) struct BlockHistory {
     /// In the order of their first steps.
     pub(crate) instances: Vec<Instance>,
     /// In the order in which they applied.
@@ -49,7 +49,7 @@ pub(crate) struct Part {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Plan {
     /// In the order of the ring.
-    pub(crate) parts: [Part; RING.len()],
+    pub(crate) parts: [BlockHistory; RING.len()],
     pub(crate) tick_s: f64,
     pub(crate) batch: bool,
 }
@@ -68,7 +68,7 @@ impl Plan {
         let parts = if batch {
             batch_parts(source, trial, tick_s, messages)
         } else {
-            let mut parts: [Part; RING.len()] = Default::default();
+            let mut parts: [BlockHistory; RING.len()] = Default::default();
             for (part, service) in parts.iter_mut().zip(RING) {
                 *part = recorded_part(source, service)?;
             }
@@ -89,7 +89,7 @@ impl Plan {
 
 /// The account of a step, as the recorder writes it.
 #[derive(Debug, Deserialize)]
-struct Account {
+struct StepAccount {
     source: String,
     seq: u64,
     #[serde(default)]
@@ -101,16 +101,16 @@ struct Account {
     digest: Option<String>,
 }
 
-fn recorded_part(source: &impl RunSource, service: &str) -> Result<Part, ReplayError> {
+fn recorded_part(source: &impl RunSource, service: &str) -> Result<BlockHistory, ReplayError> {
     let wrong = |label: &Label, what: &str, cause: String| ReplayError::Account {
         run: source.name().to_owned(),
         path: format!("{what}/{service}"),
         tick: label.tick,
         cause,
     };
-    let mut part = Part::default();
+    let mut part = BlockHistory::default();
     for label in source.words(&format!("step/{service}")) {
-        let account: Account =
+        let account: StepAccount =
             serde_json::from_str(&label.value).map_err(|cause| wrong(label, "step", cause.to_string()))?;
         let tick = u64::try_from(label.tick).map_err(|cause| wrong(label, "step", cause.to_string()))?;
         let step = Step {
@@ -157,14 +157,14 @@ fn batch_parts(
     trial: &ResolvedTrial,
     tick_s: f64,
     messages: &mut Messages,
-) -> [Part; RING.len()] {
+) -> [BlockHistory; RING.len()] {
     // As far as every block was recorded: what was cut off in the middle of a batch is not there of all of them.
     let last = |signal: &&Signal| source.signal(signal).and_then(|columns| columns.tick.last());
     let last = SHOWN.iter().filter_map(last).min();
     let Some(last) = last.and_then(|&last| u64::try_from(last).ok()) else { return Default::default() };
     let mut mission = Mission::new(&trial.trial.mission, tick_s);
     let mut lap = Lap {
-        parts: core::array::from_fn(|_| Part { instances: vec![Instance::default()], commands: Vec::new() }),
+        parts: core::array::from_fn(|_| BlockHistory { instances: vec![Instance::default()], commands: Vec::new() }),
         wires: RingWires::default(),
         tick: Tick { k: 0, dt_s: tick_s },
         due: Vec::new(),
@@ -191,7 +191,7 @@ fn batch_parts(
 
 /// A lap of ticks instead of messages.
 struct Lap {
-    parts: [Part; RING.len()],
+    parts: [BlockHistory; RING.len()],
     wires: RingWires,
     tick: Tick,
     /// Commands that apply now.

@@ -154,7 +154,7 @@ impl Track {
                 }
                 if let Some(i) = (0..shown.len()).find(|&i| known[i].to_bits() != shown[i].to_bits()) {
                     let component = signal.components.get(i).copied().unwrap_or_default();
-                    found(difference(tick, signal.path, component, said(known[i]), said(shown[i])));
+                    found(difference(tick, signal.path, component, number_text(known[i]), number_text(shown[i])));
                     break;
                 }
             }
@@ -186,6 +186,6 @@ impl Track {
 }
 
 /// A number with all its digits; two that print alike differ in their bits.
-fn said(number: f64) -> String {
+fn number_text(number: f64) -> String {
     format!("{number:?} (0x{:016x})", number.to_bits())
 }

@@ -49,13 +49,13 @@ impl<S: RunSource> Replay<'_, S> {
         let trial = changed.apply(&self.trial)?;
         let mut messages = self.messages.clone();
         let mut played: Vec<Played> = Vec::new();
-        for place in changed.from.place()..RING.len() {
+        for place in changed.from.position()..RING.len() {
             played.extend(self.play(place, &mut messages, true, &|service, instance| {
                 let (trial, seed) = self.trial_of(service, instance)?;
                 Ok(Blocks::new(&changed.apply(&trial)?, seed)?)
             })?);
         }
-        let anew = |service: &str| RING[changed.from.place()..].contains(&service);
+        let anew = |service: &str| RING[changed.from.position()..].contains(&service);
         let is_new = |path: &str| path.split('/').next().is_some_and(anew);
         // What follows from others is computed again.
         let follows = |path: &str| path.starts_with("tracking/") || path.starts_with("derived/");
@@ -68,7 +68,7 @@ impl<S: RunSource> Replay<'_, S> {
         for (path, changes) in self.source.labels().iter().filter(|(path, _)| !is_new(path) && !follows(path)) {
             labels.insert(path.clone(), changes.clone());
         }
-        let mut known = self.known_signals(changed.from.place())?;
+        let mut known = self.known_signals(changed.from.position())?;
         for played in &played {
             signals.extend(played.track.columns());
             labels.extend(played.track.changes());
@@ -175,7 +175,7 @@ impl<S: RunSource> Replay<'_, S> {
                 changed: changed.words.clone(),
             },
         }];
-        let new = &RING[changed.from.place()..];
+        let new = &RING[changed.from.position()..];
         // A service that was run anew says anew what it does; what was said about commands and links still holds.
         let holds =
             |event: &&Event| !new.contains(&&*event.service) || matches!(event.what, EventKind::CommandApplied { .. });

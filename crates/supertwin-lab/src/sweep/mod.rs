@@ -45,7 +45,7 @@ struct SweepFile {
     #[schemars(with = "Option<LatinHypercubeFile>")]
     latin_hypercube: Option<Spanned<LatinHypercubeFile>>,
     /// Which recordings are kept; none unless told otherwise.
-    recordings: Option<Keep>,
+    recordings: Option<KeepRecordings>,
     /// File in `limits/`: a verdict for every run.
     #[schemars(with = "Option<String>")]
     limits: Option<Spanned<String>>,
@@ -116,10 +116,10 @@ pub(crate) fn schema() -> Schema {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 enum Spacing {
-    /// Equal differences.
+    /// Neighbouring values have equal differences.
     #[default]
     Linear,
-    /// Equal ratios.
+    /// Neighbouring values have equal ratios.
     Logarithmic,
 }
 
@@ -136,12 +136,12 @@ impl Spacing {
 /// Which recordings are kept.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
-pub enum Keep {
+pub enum KeepRecordings {
     /// Those of all runs.
     All,
     /// Those of runs that break a limit or end in NaN.
     OnFail,
-    /// None.
+    /// No recording is kept.
     #[default]
     None,
 }
@@ -182,7 +182,7 @@ impl Parameter {
 pub struct Sweep {
     /// The file's stem.
     pub name: String,
-    /// The file.
+    /// Path of the file as it was given.
     pub path: PathBuf,
     /// What it is for.
     pub description: String,
@@ -190,14 +190,14 @@ pub struct Sweep {
     pub trials: Vec<String>,
     /// Seeds of every configuration; with `seed_per_sample`, of the first sample alone.
     pub seeds: Vec<u64>,
-    /// What changes.
+    /// Parameters that change from run to run, in the order of the file.
     pub parameters: Vec<Parameter>,
     /// Samples of the Latin hypercube; 1 without.
     pub samples: usize,
     /// Each sample has one seed of its own, counted up.
     pub seed_per_sample: bool,
     /// Which recordings are kept.
-    pub keep: Keep,
+    pub keep_recordings: KeepRecordings,
     /// File in `limits/` that says which scores pass, with its place for errors.
     limits: Option<Spanned<String>>,
     /// The controller that the others are compared with.
@@ -277,7 +277,7 @@ impl Sweep {
             parameters,
             samples: samples.unwrap_or(1),
             seed_per_sample,
-            keep: file.recordings.unwrap_or_default(),
+            keep_recordings: file.recordings.unwrap_or_default(),
             limits: file.limits,
             baseline: file.baseline,
             best_of: file.best_of,

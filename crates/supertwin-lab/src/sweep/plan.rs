@@ -37,7 +37,7 @@ pub struct PlannedRun {
     pub id: String,
     /// Index of its configuration.
     pub configuration: usize,
-    /// Its seed.
+    /// Seed of the noise of sea, sensors and faults.
     pub seed: u64,
 }
 
@@ -133,10 +133,11 @@ impl Sweep {
             let of_this = parameter.overrides(*choice).map_err(|message| self.wrong(parameter, &message))?;
             overrides.extend(of_this.into_iter().map(|over| (over, parameter)));
         }
-        if let Some((over, parameter)) =
-            overrides.iter().find(|(over, _)| library.overrides().iter().any(|given| given.place() == over.place()))
+        if let Some((over, parameter)) = overrides
+            .iter()
+            .find(|(over, _)| library.overrides().iter().any(|given| given.location() == over.location()))
         {
-            let message = format!("{}: the sweep changes what --set fixes", over.place());
+            let message = format!("{}: the sweep changes what --set fixes", over.location());
             return Err(self.wrong(parameter, &message));
         }
         trial::load(&library.with(overrides.iter().map(|(over, _)| over.clone())), trial).map_err(|error| match error {

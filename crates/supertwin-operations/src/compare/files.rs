@@ -12,7 +12,7 @@ pub(super) struct Files {
     pub(super) baseline: Option<Vec<PathBuf>>,
 }
 
-/// Finds them.
+/// Recordings below the paths given; parts of one run count once.
 pub(super) fn find(runs: &[PathBuf], baseline: Option<&Path>) -> Result<Files, OperationError> {
     let mut seen = BTreeSet::new();
     let mut paths = Vec::new();

@@ -2,7 +2,7 @@
 
 use super::Unusable;
 use super::files::Files;
-use super::groups::{self, Facts, Group, Member};
+use super::run_group::{self, Facts, Member, RunGroup};
 use crate::{OperationError, Progress};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -30,7 +30,7 @@ pub(super) struct Ask<'a> {
 /// What was found.
 pub(super) struct Gathered {
     /// The first is the baseline.
-    pub(super) groups: Vec<Group>,
+    pub(super) groups: Vec<RunGroup>,
     pub(super) unusable: Vec<Unusable>,
     pub(super) warnings: Vec<String>,
     pub(super) tick_s: f64,
@@ -44,7 +44,7 @@ struct Found {
     seed: Option<u64>,
     hash: Option<String>,
     tick_s: f64,
-    /// Time zero.
+    /// Tick that is time zero of this run.
     origin: i64,
     /// What it would be compared over if it were alone.
     window: Window,
@@ -108,7 +108,7 @@ pub(super) fn gather(files: &Files, ask: &Ask<'_>, progress: &dyn Progress) -> R
         })
         .collect();
     progress.end();
-    let mut groups: Vec<Group> = Vec::new();
+    let mut groups: Vec<RunGroup> = Vec::new();
     let mut baseline = None;
     for result in evaluated {
         let (run, Evaluated { values, moments, missing }) = match result {
@@ -133,7 +133,7 @@ pub(super) fn gather(files: &Files, ask: &Ask<'_>, progress: &dyn Progress) -> R
         let (seed, window) = (run.seed, run.window);
         let member = Member { file: run.file, name: run.name, seed, window, values, moments, missing, zero_s };
         let at = groups.iter().position(|group| !ask.each && group.facts == run.facts).unwrap_or_else(|| {
-            groups.push(Group { name: String::new(), facts: run.facts, runs: Vec::new() });
+            groups.push(RunGroup { name: String::new(), facts: run.facts, runs: Vec::new() });
             groups.len() - 1
         });
         if is_baseline && baseline.is_none() {
@@ -154,7 +154,7 @@ pub(super) fn gather(files: &Files, ask: &Ask<'_>, progress: &dyn Progress) -> R
     }
     // What the others are held against comes first.
     groups[..=baseline.unwrap_or(0)].rotate_right(1);
-    groups::name(&mut groups, ask.each);
+    run_group::name(&mut groups, ask.each);
     Ok(Gathered { groups, unusable, warnings, tick_s })
 }
 
@@ -275,7 +275,7 @@ fn without_doubles(found: Vec<Found>, warnings: &mut Vec<String>) -> Vec<Found> 
     for run in found {
         if let (Some(seed), Some(hash)) = (run.seed, &run.hash) {
             // The hash covers every signal at every tick; only equal configurations are one group anyway.
-            let key = (seed, format!("{hash} {}", run.facts.place()));
+            let key = (seed, format!("{hash} {}", run.facts.provenance()));
             if let Some(same) = first.get(&key) {
                 warnings.push(format!("{}: the same run as {}; counted once", run.file.display(), same.display()));
                 continue;

@@ -6,10 +6,10 @@ use std::collections::BTreeSet;
 use std::path::Path;
 use supertwin_lab::metrics::{Metric, Selection};
 use supertwin_lab::statistics::Better;
-use supertwin_rerun::merge::{self, Cell, Row, Scores};
+use supertwin_rerun::merge::{self, Cell, ScoreRow, Scores};
 use supertwin_rerun::{Merge, MergeError, Merged, MergedRun};
 
-/// Writes it.
+/// Writes the merged recording to `path`; replaces a file only with `force`.
 pub(super) fn write(
     comparison: &Comparison,
     shown: &Selection,
@@ -79,20 +79,20 @@ fn scores(comparison: &Comparison, shown: &Selection) -> Scores {
 
 /// What may be said of the paper's quantities; of whatever is shown when they are not.
 fn sentences(group: &GroupReport, baseline: &str) -> Vec<String> {
-    let said = |row: &super::verdicts::Row| {
+    let sentence = |row: &super::metric_comparison::MetricComparison| {
         Some(format!("**{}** against {baseline}: {}: {}", group.name, row.definition.title, row.verdict.as_ref()?))
     };
     let of_the_paper: Vec<String> =
-        group.metrics.iter().filter(|row| row.metric.starts_with("measured.")).filter_map(said).collect();
-    if of_the_paper.is_empty() { group.metrics.iter().filter_map(said).collect() } else { of_the_paper }
+        group.metrics.iter().filter(|row| row.metric.starts_with("measured.")).filter_map(sentence).collect();
+    if of_the_paper.is_empty() { group.metrics.iter().filter_map(sentence).collect() } else { of_the_paper }
 }
 
-fn row(comparison: &Comparison, number: usize, metric: &Metric) -> Row {
+fn row(comparison: &Comparison, number: usize, metric: &Metric) -> ScoreRow {
     let cell = |group: &GroupReport| {
         let summary = group.metrics.get(number)?.summary?;
         Some(Cell { value: summary.mean, plus_minus: summary.standard_deviation })
     };
-    Row {
+    ScoreRow {
         name: metric.name.clone(),
         title: metric.title.clone(),
         unit: if metric.unit == "1" { String::new() } else { metric.unit.to_owned() },

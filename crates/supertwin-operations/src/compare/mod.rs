@@ -3,16 +3,17 @@
 mod changes;
 mod files;
 mod gather;
-mod groups;
 mod merged;
+mod metric_comparison;
+mod run_group;
 mod table;
-mod verdicts;
 
 use crate::{OperationError, Progress};
 pub use changes::changes_text;
 use gather::Gathered;
-pub use groups::Change;
-use groups::Group;
+pub use metric_comparison::MetricComparison;
+pub use run_group::Change;
+use run_group::RunGroup;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -21,7 +22,6 @@ use supertwin_lab::align::{Alignment, Window, WindowArgument};
 use supertwin_lab::limits::{Judged, Limits, Outcome, worst};
 use supertwin_lab::metrics::Selection;
 use supertwin_rerun::Merged;
-pub use verdicts::Row;
 
 /// What is compared, and how.
 #[derive(Clone, Debug)]
@@ -30,7 +30,7 @@ pub struct CompareOptions {
     pub runs: Vec<PathBuf>,
     /// What the others are compared with; `None`: the group of the first run.
     pub baseline: Option<PathBuf>,
-    /// Time zero.
+    /// Moment of each run that is time zero.
     pub align: Alignment,
     /// Seconds from time zero; `None`: where each run is scored, or what all have in common.
     pub window: Option<WindowArgument>,
@@ -45,13 +45,13 @@ pub struct CompareOptions {
 /// A run that was compared.
 #[derive(Debug, Serialize)]
 pub struct Run {
-    /// Its recording.
+    /// Path of the recording as it was found.
     pub file: PathBuf,
-    /// Its name.
+    /// Name that is unique in the comparison.
     pub name: String,
     /// Of its group.
     pub group: String,
-    /// Its seed.
+    /// Seed of the run; `None` when the recording states none.
     pub seed: Option<u64>,
     /// From its time zero on.
     pub window: Window,
@@ -72,7 +72,7 @@ pub struct Run {
 /// A run that could not be used.
 #[derive(Debug, Serialize)]
 pub struct Unusable {
-    /// Its recording.
+    /// Path of the recording as it was found.
     pub file: PathBuf,
     /// What is wrong with it.
     pub reason: String,
@@ -81,7 +81,7 @@ pub struct Unusable {
 /// The whole result, as `--json` prints it.
 #[derive(Debug, Serialize)]
 pub struct Comparison {
-    /// Time zero.
+    /// Moment of each run that is time zero, as `--align` writes it.
     pub align: String,
     /// Distance of the compared moments in seconds.
     pub tick_s: f64,
@@ -110,11 +110,11 @@ pub struct Comparison {
 /// One group against the baseline.
 #[derive(Debug, Serialize)]
 pub struct GroupReport {
-    /// Its name.
+    /// Name that is unique in the comparison.
     pub name: String,
-    /// Its trial.
+    /// Trial that all runs of the group repeat.
     pub trial: String,
-    /// Its controller.
+    /// Controller that all runs of the group have.
     pub controller: String,
     /// How it was run: batch, lockstep, realtime.
     pub placement: String,
@@ -125,7 +125,7 @@ pub struct GroupReport {
     /// What is configured otherwise than in the baseline.
     pub changes: Vec<Change>,
     /// In the order of the metrics that are shown.
-    pub metrics: Vec<Row>,
+    pub metrics: Vec<MetricComparison>,
 }
 
 /// Reads and compares the runs.
@@ -191,16 +191,17 @@ fn compared(
 ) -> Comparison {
     let Gathered { groups, unusable, mut warnings, tick_s } = gathered;
     let reference = &groups[0];
-    let reports = verdicts::rows(&groups, &shown).into_iter().zip(&groups).map(|(metrics, group)| GroupReport {
-        name: group.name.clone(),
-        trial: group.facts.trial.clone(),
-        controller: group.facts.controller.clone(),
-        placement: group.facts.placement.clone(),
-        seeds: group.runs.iter().filter_map(|run| run.seed).collect(),
-        runs: group.runs.len(),
-        changes: groups::changes(&reference.facts, &group.facts),
-        metrics,
-    });
+    let reports =
+        metric_comparison::rows(&groups, &shown).into_iter().zip(&groups).map(|(metrics, group)| GroupReport {
+            name: group.name.clone(),
+            trial: group.facts.trial.clone(),
+            controller: group.facts.controller.clone(),
+            placement: group.facts.placement.clone(),
+            seeds: group.runs.iter().filter_map(|run| run.seed).collect(),
+            runs: group.runs.len(),
+            changes: run_group::changes(&reference.facts, &group.facts),
+            metrics,
+        });
     let reports: Vec<GroupReport> = reports.collect();
     let verdicts = reports.iter().flat_map(|report| &report.metrics).filter(|row| row.difference.is_some()).count();
     let baseline = reference.name.clone();
@@ -210,7 +211,7 @@ fn compared(
         let unknown = named.filter(|name| groups.iter().all(|group| group.name != **name));
         warnings.extend(unknown.map(|group| format!("{name}: group {group:?} is not among these runs")));
     }
-    let runs = groups.into_iter().flat_map(|Group { name, runs, .. }| {
+    let runs = groups.into_iter().flat_map(|RunGroup { name, runs, .. }| {
         runs.into_iter().map(move |run| {
             let judged = limits.map(|(_, limits)| limits.judge(&name, &run.values)).unwrap_or_default();
             // A run that no limit concerns has not passed.

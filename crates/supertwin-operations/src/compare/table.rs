@@ -6,7 +6,7 @@ use std::path::Path;
 use supertwin_lab::metrics::Selection;
 use supertwin_rerun::table::{Column, Table, TableError};
 
-/// Writes it.
+/// Writes the table to `path`; replaces a file only with `force`.
 pub(super) fn write(
     comparison: &Comparison,
     selection: &Selection,

@@ -85,7 +85,7 @@ impl<'a> Doctor<'a> {
         Self { found: Vec::new(), tell }
     }
 
-    /// All findings.
+    /// All findings in the order in which they were made.
     #[must_use]
     pub fn found(self) -> Vec<Finding> {
         self.found

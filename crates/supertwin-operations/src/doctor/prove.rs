@@ -14,7 +14,7 @@ use supertwin_zenoh::{Link, LinkError, Session, close};
 pub struct Proof {
     /// Common name of the certificate.
     pub who: String,
-    /// Its role.
+    /// Role whose certificate the identity has.
     pub role: Role,
     /// One for each row and verb of the matrix.
     pub attempts: Vec<Attempt>,

@@ -1,18 +1,18 @@
 //! What flows on the network, into recordings and a live view.
 //!
 //! ```text
-//! Inbox ─▶ Vehicle: Laps, Account, Catalogue ─▶ Keep ─▶ file (the record of truth)
-//!                                                    └▶ live view (drops and counts)
+//! Inbox ─▶ Vehicle: LapAssembler, LinkMonitor, SignalRegistry ─▶ RunRecording ─▶ file (the record of truth)
+//!                                                                              └▶ live view (drops and counts)
 //! ```
 
-mod account;
-mod catalogue;
-mod keep;
-mod laps;
+mod lap_assembler;
+mod link_monitor;
+mod run_recording;
+mod signal_registry;
 mod vehicle;
 
 use crate::OperationError;
-pub use keep::Rotation;
+pub use run_recording::Rotation;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::PathBuf;

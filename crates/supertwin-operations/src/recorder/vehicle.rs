@@ -1,12 +1,12 @@
 //! What one vehicle says, sorted into the recording of its run.
 
-mod hear;
+mod receive;
 mod write;
 
-use super::account::Account;
-use super::catalogue::Catalogue;
-use super::keep::{Keep, News, Rotation};
-use super::laps::Laps;
+use super::lap_assembler::LapAssembler;
+use super::link_monitor::LinkMonitor;
+use super::run_recording::{News, Rotation, RunRecording};
+use super::signal_registry::SignalRegistry;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -56,7 +56,7 @@ pub(crate) struct Shared {
 }
 
 /// A message that has been read as far as its header.
-struct Kept {
+struct WireMessage {
     key: String,
     run: String,
     tick: u64,
@@ -64,20 +64,20 @@ struct Kept {
     bytes: Vec<u8>,
 }
 
-/// One vehicle.
+/// A vehicle on the network, and the run of it that is being recorded.
 pub(crate) struct Vehicle {
     name: String,
     root: String,
     shared: Shared,
     voice: Voice,
     receipts: Receipts,
-    catalogue: Catalogue,
-    account: Account,
+    registry: SignalRegistry,
+    monitor: LinkMonitor,
     about: BTreeMap<String, Properties>,
     run: Option<Run>,
     /// Nothing may be lost while a run is not yet known.
     events: Vec<(String, Event, Clocks)>,
-    wires: Vec<Kept>,
+    wires: Vec<WireMessage>,
     states: Vec<(String, Clocks, String)>,
     asked_at: Duration,
     /// The end of a lock-step run that has been announced: tick, complete.
@@ -95,8 +95,8 @@ pub(crate) struct Vehicle {
 /// A run that is being recorded, or will be as soon as it is described.
 struct Run {
     id: String,
-    laps: Laps,
-    keep: Option<Keep>,
+    assembler: LapAssembler,
+    recording: Option<RunRecording>,
     first_heard: Duration,
     dt_s: f64,
     lock_step: bool,
@@ -115,8 +115,8 @@ impl Run {
     fn new(id: &str, now: Duration) -> Self {
         Self {
             id: id.to_owned(),
-            laps: Laps::default(),
-            keep: None,
+            assembler: LapAssembler::default(),
+            recording: None,
             first_heard: now,
             dt_s: 0.0,
             lock_step: false,
@@ -144,8 +144,8 @@ impl Vehicle {
             shared: shared.clone(),
             voice,
             receipts,
-            catalogue: Catalogue::default(),
-            account: Account::default(),
+            registry: SignalRegistry::default(),
+            monitor: LinkMonitor::default(),
             about: BTreeMap::new(),
             run: None,
             events: Vec::new(),
@@ -187,7 +187,7 @@ impl Vehicle {
 
     /// The recorder was too slow for so many messages.
     pub(crate) fn overrun(&mut self, lost: u64) {
-        self.account.refused += lost;
+        self.monitor.refused += lost;
         self.tell(Severity::Error, EventKind::RecorderOverrun { messages: lost });
     }
 
@@ -202,25 +202,25 @@ impl Vehicle {
     /// Writes what is ready; when to look again.
     pub(crate) fn poll(&mut self, inbox: &Inbox) -> Duration {
         let now = self.shared.clock.now();
-        if let Some(step_s) = self.account.clock_step(&*self.shared.clock) {
+        if let Some(step_s) = self.monitor.clock_step(&*self.shared.clock) {
             self.tell(Severity::Warning, EventKind::ClockStepped { service: "recorder".into(), step_s });
         }
-        if let Some(step_s) = self.account.take_sender_step() {
+        if let Some(step_s) = self.monitor.take_sender_step() {
             self.tell(Severity::Warning, EventKind::ClockStepped { service: "plant".into(), step_s });
         }
         self.describe(now, inbox);
-        self.write_belated(now, false);
+        self.write_late(now, false);
         while self.write_next(now, inbox) {}
-        while let Some((service, wanted)) = self.run.as_mut().and_then(|run| run.laps.ask_again(now)) {
+        while let Some((service, wanted)) = self.run.as_mut().and_then(|run| run.assembler.ask_again(now)) {
             self.recall(service, wanted, inbox);
         }
         self.flush_notes();
         let mut due = now + Duration::from_millis(250);
         if let Some(run) = &mut self.run {
-            if let Some(keep) = &mut run.keep {
-                keep.poll(now);
+            if let Some(recording) = &mut run.recording {
+                recording.poll(now);
             }
-            if let Some(lap) = run.laps.due() {
+            if let Some(lap) = run.assembler.due() {
                 due = due.min(lap.max(now + Duration::from_millis(1)));
             }
             if run.lock_step {
@@ -228,11 +228,11 @@ impl Vehicle {
             }
         }
         self.report();
-        if self.account.health_is_due(now) {
+        if self.monitor.health_is_due(now) {
             self.tell_health(now);
         }
         let over = self.stop.is_some_and(|(tick, _)| {
-            self.run.as_ref().is_some_and(|run| run.laps.next().is_some_and(|next| next >= tick))
+            self.run.as_ref().is_some_and(|run| run.assembler.next().is_some_and(|next| next >= tick))
         });
         if over {
             let complete = self.stop.is_some_and(|(_, complete)| complete);
@@ -244,7 +244,7 @@ impl Vehicle {
     /// Tells everybody what happened to the files.
     fn report(&mut self) {
         let news = match &mut self.run {
-            Some(Run { keep: Some(keep), .. }) => std::mem::take(&mut keep.news),
+            Some(Run { recording: Some(recording), .. }) => std::mem::take(&mut recording.news),
             _ => return,
         };
         for news in news {
@@ -272,20 +272,20 @@ impl Vehicle {
 
     /// Says once a second up to which tick the run is in the file.
     fn tell_health(&mut self, now: Duration) {
-        if let Some(Run { keep: Some(keep), .. }) = &mut self.run {
-            keep.save(now);
+        if let Some(Run { recording: Some(recording), .. }) = &mut self.run {
+            recording.save(now);
         }
         let dropped = self.shared.live.as_ref().map_or(0, Live::dropped);
-        let mut health = Health { refused: self.account.refused, telemetry_dropped: dropped, ..Health::default() };
+        let mut health = Health { refused: self.monitor.refused, telemetry_dropped: dropped, ..Health::default() };
         if let Some(run) = &self.run {
             health.run.clone_from(&run.id);
             health.tick = run.last.k;
             health.tick_s = run.dt_s;
             health.lock_step = run.lock_step;
             health.steps = run.ticks;
-            health.skipped = run.keep.as_ref().map_or(0, |keep| keep.lost_ticks);
-            health.late_triggers = run.laps.late;
-            for (service, missing) in RING.iter().zip(run.laps.missing) {
+            health.skipped = run.recording.as_ref().map_or(0, |recording| recording.lost_ticks);
+            health.late_triggers = run.assembler.late;
+            for (service, missing) in RING.iter().zip(run.assembler.missing) {
                 let input = health.inputs.entry(keys::telemetry(service)).or_default();
                 input.counts.missing = missing;
             }

@@ -1,7 +1,7 @@
 //! The runs of a sweep, on all cores, each into the journal as soon as it is finished.
 
 use super::journal::Journal;
-use super::row::Row;
+use super::run_row::RunRow;
 use crate::placement::provenance;
 use crate::{OperationError, Progress};
 use rayon::prelude::*;
@@ -9,7 +9,7 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 use supertwin_core::{NoSink, RunSink};
-use supertwin_lab::sweep::{Keep, Plan};
+use supertwin_lab::sweep::{KeepRecordings, Plan};
 use supertwin_lab::{ResolvedTrial, RunError, RunOutcome};
 use supertwin_rerun::{Options, RerunSink};
 
@@ -19,19 +19,19 @@ pub(crate) const RECORDINGS: &str = "recordings";
 /// What all runs share.
 pub(crate) struct Campaign<'a> {
     pub(crate) plan: &'a Plan,
-    pub(crate) keep: Keep,
+    pub(crate) keep_recordings: KeepRecordings,
     /// The sweep's folder.
     pub(crate) folder: &'a Path,
     /// Puts the verdict to a complete run.
-    pub(crate) judge: &'a (dyn Fn(&mut Row) + Sync),
+    pub(crate) judge: &'a (dyn Fn(&mut RunRow) + Sync),
     pub(crate) stop: &'a AtomicBool,
     pub(crate) progress: &'a dyn Progress,
 }
 
 impl Campaign<'_> {
     /// Does the runs of these indices; returns what was finished. The first failure ends it.
-    pub(crate) fn execute(&self, todo: &[usize], journal: &mut Journal) -> Result<Vec<Row>, OperationError> {
-        if self.keep != Keep::None {
+    pub(crate) fn execute(&self, todo: &[usize], journal: &mut Journal) -> Result<Vec<RunRow>, OperationError> {
+        if self.keep_recordings != KeepRecordings::None {
             let folder = self.folder.join(RECORDINGS);
             std::fs::create_dir_all(&folder).map_err(|error| OperationError::Path {
                 path: folder.display().to_string(),
@@ -64,16 +64,16 @@ impl Campaign<'_> {
     }
 
     /// `None`: it was interrupted.
-    fn one(&self, run: usize) -> Result<Option<Row>, OperationError> {
+    fn one(&self, run: usize) -> Result<Option<RunRow>, OperationError> {
         if self.stop.load(Ordering::Relaxed) {
             return Ok(None);
         }
         let planned = &self.plan.runs[run];
         let trial = &self.plan.configurations[planned.configuration].trial;
         let place = format!("{RECORDINGS}/{}.rrd", planned.id);
-        let outcome = match self.keep {
-            Keep::All => self.recorded(trial, planned.seed, &place),
-            Keep::OnFail | Keep::None => self.watched(trial, planned.seed, &mut NoSink, false),
+        let outcome = match self.keep_recordings {
+            KeepRecordings::All => self.recorded(trial, planned.seed, &place),
+            KeepRecordings::OnFail | KeepRecordings::None => self.watched(trial, planned.seed, &mut NoSink, false),
         };
         let mut row = match outcome {
             Ok(outcome) if !outcome.complete => {
@@ -81,17 +81,17 @@ impl Campaign<'_> {
                 return Ok(None);
             }
             Ok(outcome) => {
-                let mut row = Row::complete(run, &planned.id, &outcome);
+                let mut row = RunRow::complete(run, &planned.id, &outcome);
                 (self.judge)(&mut row);
                 row
             }
             Err(RunError::Sink(error)) => {
                 return Err(OperationError::Run { name: planned.id.clone(), cause: RunError::Sink(error) });
             }
-            Err(error) => Row::invalid(run, &planned.id, &error),
+            Err(error) => RunRow::invalid(run, &planned.id, &error),
         };
         // A run repeats bit for bit: it is recorded once it is known to be worth it.
-        if self.keep == Keep::OnFail && !row.verdict.is_well() {
+        if self.keep_recordings == KeepRecordings::OnFail && !row.verdict.is_well() {
             match self.recorded(trial, planned.seed, &place) {
                 Err(RunError::Sink(error)) => {
                     return Err(OperationError::Run { name: planned.id.clone(), cause: RunError::Sink(error) });
@@ -107,7 +107,8 @@ impl Campaign<'_> {
         if row.ticks == 0 {
             self.forget(&place);
         }
-        let kept = self.keep == Keep::All || self.keep == Keep::OnFail && !row.verdict.is_well();
+        let kept = self.keep_recordings == KeepRecordings::All
+            || self.keep_recordings == KeepRecordings::OnFail && !row.verdict.is_well();
         row.recording = (kept && row.ticks > 0).then_some(place);
         Ok(Some(row))
     }
@@ -139,7 +140,7 @@ impl Campaign<'_> {
 
     /// Removes the recording of a run that is not finished, if there is one.
     fn forget(&self, place: &str) {
-        if self.keep != Keep::None {
+        if self.keep_recordings != KeepRecordings::None {
             drop(std::fs::remove_file(self.folder.join(place)));
         }
     }

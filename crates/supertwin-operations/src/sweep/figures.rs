@@ -34,7 +34,7 @@ pub(super) struct IntervalRow {
     pub(super) colour: usize,
     pub(super) values: Vec<f64>,
     pub(super) mean: f64,
-    /// From, to.
+    /// Bounds of the interval of the mean.
     pub(super) interval: Option<(f64, f64)>,
 }
 

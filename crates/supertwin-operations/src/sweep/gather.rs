@@ -1,6 +1,6 @@
 //! Tables of parts, made by any machines, into the rows of the whole sweep: each run once.
 
-use super::row::{self, Row};
+use super::run_row::{self, RunRow};
 use super::{Prepared, TABLE, program};
 use crate::OperationError;
 use std::collections::BTreeMap;
@@ -11,8 +11,8 @@ use supertwin_rerun::Table;
 const LISTED: usize = 8;
 
 /// The rows of all parts, in order.
-pub(super) fn gather(prepared: &Prepared, parts: &[PathBuf]) -> Result<Vec<Row>, OperationError> {
-    let mut rows: BTreeMap<usize, (Row, PathBuf)> = BTreeMap::new();
+pub(super) fn gather(prepared: &Prepared, parts: &[PathBuf]) -> Result<Vec<RunRow>, OperationError> {
+    let mut rows: BTreeMap<usize, (RunRow, PathBuf)> = BTreeMap::new();
     for path in files(parts)? {
         let wrong = |cause: String| OperationError::Path { path: path.display().to_string(), cause };
         let table = Table::read(&path).map_err(|error| OperationError::Option(error.to_string()))?;
@@ -32,7 +32,7 @@ pub(super) fn gather(prepared: &Prepared, parts: &[PathBuf]) -> Result<Vec<Row>,
             let this = program();
             return Err(wrong(format!("was made by supertwin {made_by}, this is {this}: their numbers may differ")));
         }
-        for row in row::rows(&prepared.sweep, &table).map_err(&wrong)? {
+        for row in run_row::rows(&prepared.sweep, &table).map_err(&wrong)? {
             if prepared.plan.runs.get(row.run).is_none_or(|run| run.id != row.id) {
                 return Err(wrong(format!("run {} ({}) is not in the sweep", row.run, row.id)));
             }

@@ -1,7 +1,7 @@
 //! The journal of a sweep: a line for every finished run, written when it is finished. What a kill leaves of a line is
 //! dropped, and its run done again.
 
-use super::row::Row;
+use super::run_row::RunRow;
 use crate::OperationError;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -34,7 +34,7 @@ pub(crate) struct Journal {
 pub(crate) struct Opened {
     pub(crate) journal: Journal,
     /// Finished runs, by index.
-    pub(crate) rows: BTreeMap<usize, Row>,
+    pub(crate) rows: BTreeMap<usize, RunRow>,
     /// Lines that were no rows: their runs are done again.
     pub(crate) dropped: usize,
 }
@@ -73,7 +73,7 @@ impl Journal {
             }
         }
         for line in lines {
-            match serde_json::from_slice::<Row>(line) {
+            match serde_json::from_slice::<RunRow>(line) {
                 Ok(row) if plan.runs.get(row.run).is_some_and(|run| run.id == row.id) => {
                     rows.insert(row.run, row);
                 }
@@ -84,7 +84,7 @@ impl Journal {
     }
 
     /// Adds a finished run.
-    pub(crate) fn add(&mut self, row: &Row) -> Result<(), OperationError> {
+    pub(crate) fn add(&mut self, row: &RunRow) -> Result<(), OperationError> {
         self.line(row)
     }
 

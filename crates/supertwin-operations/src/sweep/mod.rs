@@ -8,7 +8,7 @@ mod figures;
 mod gather;
 mod journal;
 mod report;
-mod row;
+mod run_row;
 
 use crate::placement::provenance;
 use crate::{OperationError, Progress, Stopwatch};
@@ -16,7 +16,7 @@ use execute::Campaign;
 use journal::{Heading, Journal};
 use rayon::prelude::*;
 pub use report::Configured;
-pub use row::{Row, Verdict};
+pub use run_row::{RunRow, RunVerdict};
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -24,7 +24,7 @@ use std::sync::atomic::AtomicBool;
 use supertwin_core::Property;
 use supertwin_lab::limits::{Judged, Limits, Outcome, worst};
 use supertwin_lab::run::base_name;
-use supertwin_lab::sweep::{Keep, Plan, Sweep};
+use supertwin_lab::sweep::{KeepRecordings, Plan, Sweep};
 use supertwin_lab::{ConfigError, Library, ResolvedTrial};
 
 /// Which sweep, and what of it.
@@ -39,7 +39,7 @@ pub struct SweepOptions {
     /// Runs at the same time; 0: one per core.
     pub jobs: usize,
     /// Which recordings are kept; `None`: what the file says.
-    pub recordings: Option<Keep>,
+    pub recordings: Option<KeepRecordings>,
     /// Forget what is in the folder and begin anew.
     pub force: bool,
 }
@@ -52,7 +52,7 @@ pub struct Shard {
 }
 
 impl Shard {
-    /// All runs.
+    /// The part that has all runs.
     pub const WHOLE: Self = Self { k: 1, n: 1 };
 
     /// Run after run to part after part: all parts have runs of every configuration, and take about as long.
@@ -94,7 +94,7 @@ const TABLE: &str = "table";
 struct Prepared {
     sweep: Sweep,
     plan: Plan,
-    keep: Keep,
+    keep_recordings: KeepRecordings,
     /// What a run must keep, and the text of the file.
     limits: Option<(Limits, String)>,
     /// Fingerprint of the plan.
@@ -120,12 +120,12 @@ pub struct Swept {
     /// Which part of the runs.
     pub shard: Shard,
     /// Finished runs, in the order of the plan.
-    pub rows: Vec<Row>,
+    pub rows: Vec<RunRow>,
     /// Runs that are to be finished.
     pub planned: usize,
     /// What was done for it; `None`: the tables of parts were joined.
     pub work: Option<Work>,
-    /// Its table.
+    /// Parquet table with a row per run.
     pub table: PathBuf,
     /// Its report; a part has none.
     pub report: Option<PathBuf>,
@@ -166,9 +166,9 @@ impl Swept {
 }
 
 /// How many rows have which verdict, in the order of the verdicts.
-fn verdicts(rows: &[Row]) -> Vec<(&'static str, usize)> {
-    let count = |verdict: Verdict| (verdict.name(), rows.iter().filter(|row| row.verdict == verdict).count());
-    Verdict::ALL.into_iter().map(count).filter(|(_, count)| *count > 0).collect()
+fn verdicts(rows: &[RunRow]) -> Vec<(&'static str, usize)> {
+    let count = |verdict: RunVerdict| (verdict.name(), rows.iter().filter(|row| row.verdict == verdict).count());
+    RunVerdict::ALL.into_iter().map(count).filter(|(_, count)| *count > 0).collect()
 }
 
 fn pool(jobs: usize) -> Result<rayon::ThreadPool, OperationError> {
@@ -224,9 +224,9 @@ pub fn sweep(
     let clock = Stopwatch::start();
     let campaign = Campaign {
         plan: &prepared.plan,
-        keep: prepared.keep,
+        keep_recordings: prepared.keep_recordings,
         folder: &folder,
-        judge: &|row: &mut Row| prepared.judge(row),
+        judge: &|row: &mut RunRow| prepared.judge(row),
         stop,
         progress,
     };
@@ -236,7 +236,7 @@ pub fn sweep(
     let simulated_s: f64 = done.iter().map(|row| row.ticks as f64 * trial(&row.run).trial.tick_s.get()).sum();
     let work = Work { before, done: done.len(), simulated_s, wall_s: clock.elapsed_s() };
     opened.rows.extend(done.into_iter().map(|row| (row.run, row)));
-    let rows: Vec<Row> = opened.rows.into_values().collect();
+    let rows: Vec<RunRow> = opened.rows.into_values().collect();
     let is_there = table.exists() && (shard != Shard::WHOLE || folder.join(report::FILE).exists());
     // Table and report follow from the journal. When they are there and nothing was added, they stay.
     if rows.len() == mine.len() && !(todo.is_empty() && is_there) {
@@ -249,7 +249,7 @@ pub fn sweep(
 impl Prepared {
     fn new(options: &SweepOptions, library: &Library) -> Result<Self, OperationError> {
         let sweep = Sweep::load(library, &options.spec)?;
-        if let Some(name) = row::taken(&sweep) {
+        if let Some(name) = run_row::taken(&sweep) {
             let message = format!("parameter {name}: the table has a column of this name; give it another `name`");
             return Err(ConfigError::Combination { path: sweep.path.display().to_string(), message }.into());
         }
@@ -268,10 +268,10 @@ impl Prepared {
             of_trials.iter().filter_map(|points| points.first()).flatten().cloned().collect();
         library.all_used(&first)?;
         let plan = sweep.plan(of_trials, &points)?;
-        let keep = options.recordings.unwrap_or(sweep.keep);
+        let keep_recordings = options.recordings.unwrap_or(sweep.keep_recordings);
         let limits = sweep.limits(library)?;
-        let fingerprint = fingerprint(&plan, keep, limits.as_ref().map(|(_, text)| text.as_str()));
-        Ok(Self { sweep, plan, keep, limits, fingerprint })
+        let fingerprint = fingerprint(&plan, keep_recordings, limits.as_ref().map(|(_, text)| text.as_str()));
+        Ok(Self { sweep, plan, keep_recordings, limits, fingerprint })
     }
 
     /// The folder that the options name, made if it is not there.
@@ -281,7 +281,7 @@ impl Prepared {
         Ok(folder)
     }
 
-    fn swept(self, folder: &Path, shard: Shard, rows: Vec<Row>, work: Option<Work>) -> Swept {
+    fn swept(self, folder: &Path, shard: Shard, rows: Vec<RunRow>, work: Option<Work>) -> Swept {
         Swept {
             prepared: self,
             shard,
@@ -295,16 +295,16 @@ impl Prepared {
     }
 
     /// Puts the verdict of the limits to a complete run.
-    fn judge(&self, row: &mut Row) {
+    fn judge(&self, row: &mut RunRow) {
         let Some((limits, _)) = &self.limits else { return };
         let trial = &self.plan.configurations[self.plan.runs[row.run].configuration].trial;
         let judged = limits.judge(&base_name(trial), &row.scores);
-        let broken: Vec<String> = judged.iter().filter_map(said).collect();
+        let broken: Vec<String> = judged.iter().filter_map(broken_limit_text).collect();
         row.verdict = match worst(&judged) {
-            _ if judged.is_empty() => Verdict::Invalid,
-            Outcome::Pass => Verdict::Pass,
-            Outcome::Fail => Verdict::Fail,
-            Outcome::Invalid => Verdict::Invalid,
+            _ if judged.is_empty() => RunVerdict::Invalid,
+            Outcome::Pass => RunVerdict::Pass,
+            Outcome::Fail => RunVerdict::Fail,
+            Outcome::Invalid => RunVerdict::Invalid,
         };
         row.error = match (judged.is_empty(), broken.is_empty()) {
             (true, _) => Some("no limit concerns it".to_owned()),
@@ -315,7 +315,7 @@ impl Prepared {
 }
 
 /// Which limit is not kept, and how.
-fn said(judged: &Judged) -> Option<String> {
+fn broken_limit_text(judged: &Judged) -> Option<String> {
     let metric = &judged.metric;
     match (judged.value, judged.min, judged.max) {
         _ if judged.outcome == Outcome::Pass => None,
@@ -327,16 +327,16 @@ fn said(judged: &Judged) -> Option<String> {
 }
 
 /// SHA-256 of everything that the rows of a sweep follow from, but for the program.
-fn fingerprint(plan: &Plan, keep: Keep, limits: Option<&str>) -> String {
+fn fingerprint(plan: &Plan, keep_recordings: KeepRecordings, limits: Option<&str>) -> String {
     let mut hash = Sha256::new();
     let mut add = |text: &str| {
         hash.update((text.len() as u64).to_le_bytes());
         hash.update(text);
     };
-    add(match keep {
-        Keep::All => "all",
-        Keep::OnFail => "on-fail",
-        Keep::None => "none",
+    add(match keep_recordings {
+        KeepRecordings::All => "all",
+        KeepRecordings::OnFail => "on-fail",
+        KeepRecordings::None => "none",
     });
     for one in &plan.configurations {
         add(&one.trial.name);
@@ -365,12 +365,12 @@ fn write(
     prepared: &Prepared,
     folder: &Path,
     shard: Shard,
-    rows: &[Row],
+    rows: &[RunRow],
     overwrite: bool,
 ) -> Result<(), OperationError> {
     let path = shard.file(folder, TABLE, "parquet");
     let call = |error: supertwin_rerun::TableError| OperationError::Option(error.to_string());
-    let mut table = row::table(&prepared.sweep, &prepared.plan, rows).map_err(call)?;
+    let mut table = run_row::table(&prepared.sweep, &prepared.plan, rows).map_err(call)?;
     let mut about = BTreeMap::from([
         ("supertwin.sweep", prepared.sweep.name.clone()),
         ("supertwin.plan", prepared.fingerprint.clone()),

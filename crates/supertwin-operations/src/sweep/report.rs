@@ -1,7 +1,7 @@
 //! The report of a sweep: means with their intervals, paired differences, who is best, what a parameter does.
 
 use super::figures::{self, IntervalPanel, IntervalRow, ScatterPanel, Series};
-use super::row::{self, Row};
+use super::run_row::{self, RunRow};
 use super::{Prepared, TABLE, program, verdicts};
 use crate::OperationError;
 use rayon::prelude::*;
@@ -12,7 +12,7 @@ use supertwin_lab::metrics::{self, Metric};
 use supertwin_lab::statistics::{self, Better, Difference, Interval, Summary, bootstrap_interval};
 use supertwin_lab::sweep::{Parameter, rank_correlation};
 
-/// The file.
+/// Name of the report in the folder of the sweep.
 pub(super) const FILE: &str = "report.md";
 /// Folder of its figures.
 const FIGURES: &str = "figures";
@@ -41,7 +41,7 @@ struct Chapter {
 fn chapters() -> [Chapter; 3] {
     let score = |metric: &'static Metric, digits| Score { metric, label: metric.label(), digits };
     let errors = |family: &str| {
-        let metrics = metrics::catalogue().iter().filter(|metric| metric.family.name == family);
+        let metrics = metrics::all_metrics().iter().filter(|metric| metric.family.name == family);
         metrics.map(|metric| score(metric, 3)).collect()
     };
     let cost = [
@@ -61,17 +61,17 @@ fn chapters() -> [Chapter; 3] {
 }
 
 /// Runs that differ in seeds and samples only.
-struct Group<'a> {
+struct ConfigurationRuns<'a> {
     trial: &'a str,
     controller: &'a str,
     grid: usize,
     /// Per parameter of the grid its value, if it concerns the controller.
     values: Vec<Option<&'a toml::Value>>,
     /// By sample and seed.
-    rows: BTreeMap<(usize, u64), &'a Row>,
+    rows: BTreeMap<(usize, u64), &'a RunRow>,
 }
 
-impl Group<'_> {
+impl ConfigurationRuns<'_> {
     fn values(&self, score: &str) -> Vec<f64> {
         self.rows.values().filter_map(|row| row.scores.get(score).copied()).collect()
     }
@@ -81,7 +81,7 @@ impl Group<'_> {
         let mut label = self.controller.to_owned();
         for (parameter, value) in parameters.iter().zip(&self.values) {
             if let Some(value) = value {
-                label += &format!(", {} = {}", last(&parameter.name), row::said(value));
+                label += &format!(", {} = {}", last(&parameter.name), run_row::value_text(value));
             }
         }
         label
@@ -99,17 +99,17 @@ fn grid(prepared: &Prepared) -> Vec<(usize, &Parameter)> {
     parameters.filter(|(_, parameter)| !parameter.sampled && parameter.values.len() > 1).collect()
 }
 
-fn groups<'a>(prepared: &'a Prepared, rows: &'a [Row]) -> Vec<Group<'a>> {
+fn groups<'a>(prepared: &'a Prepared, rows: &'a [RunRow]) -> Vec<ConfigurationRuns<'a>> {
     let grid = grid(prepared);
     let mut places: BTreeMap<(&str, usize, &str), usize> = BTreeMap::new();
-    let mut groups: Vec<Group<'a>> = Vec::new();
+    let mut groups: Vec<ConfigurationRuns<'a>> = Vec::new();
     for row in rows {
         let planned = &prepared.plan.runs[row.run];
         let one = &prepared.plan.configurations[planned.configuration];
         let (trial, controller) = (one.trial.name.as_str(), one.trial.controller_name.as_str());
         let place = *places.entry((trial, one.grid, controller)).or_insert_with(|| {
             let values = grid.iter().map(|(i, _)| one.values[*i].as_ref()).collect();
-            groups.push(Group { trial, controller, grid: one.grid, values, rows: BTreeMap::new() });
+            groups.push(ConfigurationRuns { trial, controller, grid: one.grid, values, rows: BTreeMap::new() });
             groups.len() - 1
         });
         groups[place].rows.insert((one.sample, planned.seed), row);
@@ -126,7 +126,7 @@ struct Estimate {
     interval: Option<Interval>,
 }
 
-fn estimate(group: &Group<'_>, score: &str) -> Option<Estimate> {
+fn estimate(group: &ConfigurationRuns<'_>, score: &str) -> Option<Estimate> {
     let values = group.values(score);
     let name = format!("{} {} {} {score}", group.trial, group.grid, group.controller);
     Some(Estimate { summary: Summary::of(values.iter().copied())?, interval: bootstrap_interval(&values, &name) })
@@ -144,10 +144,10 @@ pub struct Configured {
 }
 
 /// Means and intervals of every configuration.
-pub(super) fn summaries(prepared: &Prepared, rows: &[Row]) -> Vec<Configured> {
+pub(super) fn summaries(prepared: &Prepared, rows: &[RunRow]) -> Vec<Configured> {
     let grid = grid(prepared);
     let chapters = chapters();
-    let summary = |group: &Group<'_>| Configured {
+    let summary = |group: &ConfigurationRuns<'_>| Configured {
         trial: group.trial.to_owned(),
         controller: group.controller.to_owned(),
         grid: group.grid,
@@ -167,7 +167,7 @@ pub(super) fn summaries(prepared: &Prepared, rows: &[Row]) -> Vec<Configured> {
 }
 
 /// Writes report and figures; what is there is replaced.
-pub(super) fn write(prepared: &Prepared, rows: &[Row], folder: &Path) -> Result<(), OperationError> {
+pub(super) fn write(prepared: &Prepared, rows: &[RunRow], folder: &Path) -> Result<(), OperationError> {
     let figures = folder.join(FIGURES);
     std::fs::create_dir_all(&figures).map_err(|cause| OperationError::at(&figures, &cause))?;
     let mut report = Report { text: String::new(), figures: BTreeMap::new() };
@@ -176,7 +176,8 @@ pub(super) fn write(prepared: &Prepared, rows: &[Row], folder: &Path) -> Result<
     let mut seen = BTreeSet::new();
     for group in &groups {
         if seen.insert(group.trial) {
-            let of_trial: Vec<&Group<'_>> = groups.iter().filter(|other| other.trial == group.trial).collect();
+            let of_trial: Vec<&ConfigurationRuns<'_>> =
+                groups.iter().filter(|other| other.trial == group.trial).collect();
             report.trial(prepared, group.trial, &of_trial).map_err(OperationError::Option)?;
         }
     }
@@ -215,7 +216,7 @@ impl Report {
         self.figures.insert(file, svg);
     }
 
-    fn head(&mut self, prepared: &Prepared, rows: &[Row]) {
+    fn head(&mut self, prepared: &Prepared, rows: &[RunRow]) {
         let sweep = &prepared.sweep;
         self.say(&format!("# Sweep {}", sweep.name));
         self.say(sweep.description.trim());
@@ -236,13 +237,13 @@ impl Report {
         ));
         if !sweep.parameters.is_empty() {
             let rows = sweep.parameters.iter().map(|parameter| {
-                let numbers: Vec<f64> = parameter.values.iter().filter_map(row::number).collect();
+                let numbers: Vec<f64> = parameter.values.iter().filter_map(run_row::number).collect();
                 let least = numbers.iter().copied().fold(f64::INFINITY, f64::min);
                 let most = numbers.iter().copied().fold(f64::NEG_INFINITY, f64::max);
                 let values = match (parameter.sampled, parameter.values.len()) {
                     (true, n) => format!("{n} samples, {least:.4} to {most:.4}"),
                     (false, n) if n > 12 => format!("{n} values, {least} to {most}"),
-                    _ => parameter.values.iter().map(row::said).collect::<Vec<_>>().join(", "),
+                    _ => parameter.values.iter().map(run_row::value_text).collect::<Vec<_>>().join(", "),
                 };
                 let times = if parameter.times { "times what the file says" } else { "" };
                 vec![parameter.name.clone(), parameter.places.join(", "), values, times.to_owned()]
@@ -258,7 +259,7 @@ impl Report {
         ));
     }
 
-    fn trial(&mut self, prepared: &Prepared, trial: &str, groups: &[&Group<'_>]) -> Result<(), String> {
+    fn trial(&mut self, prepared: &Prepared, trial: &str, groups: &[&ConfigurationRuns<'_>]) -> Result<(), String> {
         let parameters: Vec<&Parameter> = grid(prepared).into_iter().map(|(_, parameter)| parameter).collect();
         self.say(&format!("## {trial}"));
         let shown = &groups[..groups.len().min(SHOWN)];
@@ -313,13 +314,14 @@ impl Report {
     fn differences(
         &mut self,
         prepared: &Prepared,
-        groups: &[&Group<'_>],
+        groups: &[&ConfigurationRuns<'_>],
         controllers: &[&str],
         parameters: &[&Parameter],
     ) {
         let named = prepared.sweep.baseline.as_deref().filter(|name| controllers.contains(name));
         let Some(baseline) = named.or(controllers.first().copied()) else { return };
-        let of_baseline: Vec<&&Group<'_>> = groups.iter().filter(|group| group.controller == baseline).collect();
+        let of_baseline: Vec<&&ConfigurationRuns<'_>> =
+            groups.iter().filter(|group| group.controller == baseline).collect();
         if controllers.len() > 1 {
             self.say(&format!("### Against {baseline}"));
             self.say(
@@ -327,7 +329,7 @@ impl Report {
                  Less is better, for the bias what is nearer to none.",
             );
             for base in of_baseline.iter().take(COMPARED) {
-                let same_point = |group: &&&Group<'_>| {
+                let same_point = |group: &&&ConfigurationRuns<'_>| {
                     let both = group.values.iter().zip(&base.values);
                     let same = both.fold(true, |same, (a, b)| same && (a.is_none() || b.is_none() || a == b));
                     group.controller != baseline && same
@@ -348,7 +350,7 @@ impl Report {
         for controller in controllers {
             let mut own = groups.iter().copied().filter(|group| group.controller == *controller);
             let Some(first) = own.next() else { continue };
-            let others: Vec<&Group<'_>> = own.take(COMPARED).collect();
+            let others: Vec<&ConfigurationRuns<'_>> = own.take(COMPARED).collect();
             if !others.is_empty() {
                 self.say(&format!("### {controller}, against its first point"));
                 self.against(first, &others, parameters);
@@ -356,7 +358,7 @@ impl Report {
         }
     }
 
-    fn against(&mut self, base: &Group<'_>, others: &[&Group<'_>], parameters: &[&Parameter]) {
+    fn against(&mut self, base: &ConfigurationRuns<'_>, others: &[&ConfigurationRuns<'_>], parameters: &[&Parameter]) {
         let mut header = vec![format!("against {}", base.label(parameters))];
         header.extend(others.iter().map(|group| group.label(parameters)));
         let chapters = chapters();
@@ -380,11 +382,11 @@ impl Report {
     }
 
     /// Of groups of controllers, who has the least error, seed by seed.
-    fn best(&mut self, prepared: &Prepared, groups: &[&Group<'_>], parameters: &[&Parameter]) {
+    fn best(&mut self, prepared: &Prepared, groups: &[&ConfigurationRuns<'_>], parameters: &[&Parameter]) {
         let points: Vec<usize> = distinct(groups.iter().map(|group| group.grid));
         for names in prepared.sweep.best_of.iter().filter(|names| names.len() > 1) {
             for point in points.iter().take(COMPARED) {
-                let members: Vec<&Group<'_>> = names
+                let members: Vec<&ConfigurationRuns<'_>> = names
                     .iter()
                     .filter_map(|name| groups.iter().find(|group| group.grid == *point && group.controller == name))
                     .copied()
@@ -418,7 +420,7 @@ impl Report {
         &mut self,
         prepared: &Prepared,
         trial: &str,
-        groups: &[&Group<'_>],
+        groups: &[&ConfigurationRuns<'_>],
         controllers: &[&str],
         colour: &impl Fn(&str) -> usize,
     ) -> Result<(), String> {
@@ -427,7 +429,7 @@ impl Report {
             .parameters
             .iter()
             .enumerate()
-            .filter(|(_, one)| one.values.len() > 1 && one.values.iter().all(|value| row::number(value).is_some()))
+            .filter(|(_, one)| one.values.len() > 1 && one.values.iter().all(|value| run_row::number(value).is_some()))
             .collect();
         if parameters.is_empty() {
             return Ok(());
@@ -439,7 +441,7 @@ impl Report {
                 groups.iter().filter(|group| group.controller == controller).flat_map(|group| group.rows.values());
             rows.filter_map(|row| {
                 let one = &prepared.plan.configurations[prepared.plan.runs[row.run].configuration];
-                Some((row::number(one.values[parameter].as_ref()?)?, *row.scores.get(score)?))
+                Some((run_row::number(one.values[parameter].as_ref()?)?, *row.scores.get(score)?))
             })
             .collect()
         };
@@ -493,12 +495,13 @@ impl Report {
         Ok(())
     }
 
-    fn rest(&mut self, prepared: &Prepared, rows: &[Row]) {
-        let wrong: Vec<&Row> = rows.iter().filter(|row| !row.verdict.is_well()).collect();
+    fn rest(&mut self, prepared: &Prepared, rows: &[RunRow]) {
+        let wrong: Vec<&RunRow> = rows.iter().filter(|row| !row.verdict.is_well()).collect();
         if !wrong.is_empty() {
             self.say("## Runs that are invalid or fail");
-            let cells =
-                |row: &&Row| vec![row.id.clone(), row.verdict.name().to_owned(), row.error.clone().unwrap_or_default()];
+            let cells = |row: &&RunRow| {
+                vec![row.id.clone(), row.verdict.name().to_owned(), row.error.clone().unwrap_or_default()]
+            };
             let listed = wrong.iter().take(LISTED).map(cells).collect();
             self.table(["run", "verdict", "why"].map(str::to_owned).into(), listed);
             if wrong.len() > LISTED {
@@ -555,10 +558,10 @@ fn cell(estimate: Option<&Estimate>, score: &Score) -> String {
     }
 }
 
-fn difference(base: &Group<'_>, other: &Group<'_>, score: &Score) -> Option<Difference> {
+fn difference(base: &ConfigurationRuns<'_>, other: &ConfigurationRuns<'_>, score: &Score) -> Option<Difference> {
     // Runs are paired by sample and seed; a key stands for such a pair.
     let keys: BTreeMap<(usize, u64), u64> = base.rows.keys().copied().zip(0..).collect();
-    let values = |group: &Group<'_>| -> BTreeMap<u64, f64> {
+    let values = |group: &ConfigurationRuns<'_>| -> BTreeMap<u64, f64> {
         let rows = group.rows.iter();
         rows.filter_map(|(key, row)| Some((*keys.get(key)?, *row.scores.get(&score.metric.name)?))).collect()
     };
@@ -578,11 +581,11 @@ fn told(difference: &Difference, digits: usize) -> String {
         .map_or_else(String::new, |Interval { low, high }| format!(" [{low:+.digits$}, {high:+.digits$}]"));
     let of = difference.seeds;
     let verdict = match difference.verdict {
-        statistics::Verdict::Better => format!("**better** in {} of {of}", difference.better_seeds),
-        statistics::Verdict::Worse => format!("**worse** in {} of {of}", difference.worse_seeds),
-        statistics::Verdict::Equal => "equal".to_owned(),
-        statistics::Verdict::TooFewSeeds => format!("too few runs ({of})"),
-        statistics::Verdict::NoClearDifference | statistics::Verdict::Different => {
+        statistics::DifferenceVerdict::Better => format!("**better** in {} of {of}", difference.better_seeds),
+        statistics::DifferenceVerdict::Worse => format!("**worse** in {} of {of}", difference.worse_seeds),
+        statistics::DifferenceVerdict::Equal => "equal".to_owned(),
+        statistics::DifferenceVerdict::TooFewSeeds => format!("too few runs ({of})"),
+        statistics::DifferenceVerdict::NoClearDifference | statistics::DifferenceVerdict::Different => {
             format!("no clear difference (better in {} of {of})", difference.better_seeds)
         }
     };
@@ -590,7 +593,7 @@ fn told(difference: &Difference, digits: usize) -> String {
 }
 
 /// In how many runs each group has the least value, and of how many that all of them have. A tie counts for nobody.
-fn wins(groups: &[&Group<'_>], score: &str) -> (Vec<usize>, usize) {
+fn wins(groups: &[&ConfigurationRuns<'_>], score: &str) -> (Vec<usize>, usize) {
     let mut counts = vec![0; groups.len()];
     let mut of = 0;
     let Some(first) = groups.first() else { return (counts, of) };

@@ -47,7 +47,7 @@ impl Compared {
     }
 }
 
-/// Its tabs.
+/// Tabs of the dashboard of comparisons, from left to right.
 pub static TABS: [Tab; 6] = [
     Tab { name: "scores", views: scores },
     Tab { name: "curves", views: curves },
@@ -60,7 +60,7 @@ pub static TABS: [Tab; 6] = [
 /// A tab of the comparison.
 #[derive(Debug)]
 pub struct Tab {
-    /// Its name.
+    /// Title of the tab, as the viewer shows it.
     pub name: &'static str,
     /// Draws it; `None` when nothing of it was recorded.
     views: fn(&mut Canvas, &Compared) -> Option<ContainerLike>,

@@ -25,12 +25,12 @@ fn views(canvas: &mut Canvas) -> ContainerLike {
     let rate: Vec<_> = rate.collect();
     let whole = [
         canvas.plot(&format!("Rate [{}]", link::RATE.unit), &rate, NARROW),
-        account(canvas, "Loop time", &link::LOOP_TIME, "plant"),
+        counter_plot(canvas, "Loop time", &link::LOOP_TIME, "plant"),
         canvas.signal("Recording gaps", &link::GAPS, NARROW),
         canvas.signal("Recorder lag", &link::LAG, Legend::None),
     ];
     let mut row = |what: &str, of: &Account| -> ContainerLike {
-        let plots = SERVICES.iter().map(|service| account(canvas, what, of, service));
+        let plots = SERVICES.iter().map(|service| counter_plot(canvas, what, of, service));
         Horizontal::new(plots.collect::<Vec<_>>()).into()
     };
     let step_time = row("Step time", &link::STEP_TIME);
@@ -52,6 +52,6 @@ fn views(canvas: &mut Canvas) -> ContainerLike {
 }
 
 /// A service's account over time.
-fn account(canvas: &mut Canvas, what: &str, of: &Account, service: &str) -> ContainerLike {
+fn counter_plot(canvas: &mut Canvas, what: &str, of: &Account, service: &str) -> ContainerLike {
     canvas.plot(&format!("{what}, {service} [{}]", of.unit), &[all(&of.path(service))], NARROW)
 }

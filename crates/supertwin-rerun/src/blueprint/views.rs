@@ -26,7 +26,7 @@ pub(super) struct Canvas {
 /// One view of a dashboard.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct View {
-    /// Title.
+    /// Title that people read above the view.
     pub name: String,
     /// Identifier in the blueprint.
     pub id: String,
@@ -168,7 +168,7 @@ impl Canvas {
         self.link_time(&view, room);
         let shown = properties::PlotLegend::new().with_corner(values::Corner2D::RightTop);
         self.set(&view, "PlotLegend", &shown.with_visible(legend != Legend::None));
-        self.keep(&view, name, curves.iter().map(|curves| curves.entity.clone()).collect());
+        self.remember(&view, name, curves.iter().map(|curves| curves.entity.clone()).collect());
         if let Some(kept) = self.views.last_mut() {
             kept.curves = curves.to_vec();
             kept.share = 1.0 / (1.0 + room);
@@ -181,14 +181,14 @@ impl Canvas {
         let view = StateTimelineView::new(name).with_contents(entities.iter().map(String::as_str)).into();
         // It knows no range of its own; linked, it shows what the time panel shows.
         self.set(&view, "TimeAxis", &properties::TimeAxis::new().with_link(values::LinkAxis::LinkToGlobal));
-        self.keep(&view, name, entities.to_vec());
+        self.remember(&view, name, entities.to_vec());
         view
     }
 
-    /// Words.
+    /// A view of a Markdown document.
     pub(super) fn document(&mut self, name: &str, entity: &str) -> ContainerLike {
         let view = TextDocumentView::new(name).with_origin(entity).with_contents([entity]).into();
-        self.keep(&view, name, vec![entity.to_owned()]);
+        self.remember(&view, name, vec![entity.to_owned()]);
         view
     }
 
@@ -197,11 +197,11 @@ impl Canvas {
         let view = BarChartView::new(name).with_contents(entities.iter().map(String::as_str)).into();
         // It would say whole paths.
         self.set(&view, "PlotLegend", &properties::PlotLegend::new().with_visible(false));
-        self.keep(&view, name, entities.to_vec());
+        self.remember(&view, name, entities.to_vec());
         view
     }
 
-    /// What happened.
+    /// A view of all events in the order of their ticks.
     pub(super) fn events(&mut self, name: &str) -> ContainerLike {
         let view = TextLogView::new(name).with_origin("/event").into();
         let column = |kind, shown: bool| datatypes::TextLogColumn { visible: shown.into(), kind };
@@ -212,7 +212,7 @@ impl Canvas {
             column(datatypes::TextLogColumnKind::Body, true),
         ];
         self.set(&view, "TextLogColumns", &properties::TextLogColumns::new().with_text_log_columns(columns));
-        self.keep(&view, name, vec!["/event/**".to_owned()]);
+        self.remember(&view, name, vec!["/event/**".to_owned()]);
         view
     }
 
@@ -241,7 +241,7 @@ impl Canvas {
         self.set(&view, "Background", &water);
         self.set(&view, "LineGrid3D", &properties::LineGrid3D::new().with_visible(false));
         let entities = contents.iter().filter(|content| content.starts_with('/'));
-        self.keep(&view, name, entities.map(|&entity| entity.to_owned()).collect());
+        self.remember(&view, name, entities.map(|&entity| entity.to_owned()).collect());
         view
     }
 
@@ -267,7 +267,7 @@ impl Canvas {
         }
     }
 
-    fn keep(&mut self, view: &ContainerLike, name: &str, entities: Vec<String>) {
+    fn remember(&mut self, view: &ContainerLike, name: &str, entities: Vec<String>) {
         if let ContainerLike::View(view) = view {
             let path = view.blueprint_path().to_string();
             let id = path.rsplit('/').next().unwrap_or_default().to_owned();
@@ -275,7 +275,7 @@ impl Canvas {
         }
     }
 
-    /// See [`super::Dashboard::mark_plots`].
+    /// Numbers the plots, as [`super::Dashboard::mark_plots`] describes.
     pub(super) fn mark_plots(&mut self) {
         for (i, view) in self.views.iter_mut().enumerate().filter(|(_, view)| !view.curves.is_empty()) {
             let mark = [8 + i as u8 % 8, 0, 8 + i as u8 / 8];

@@ -1,18 +1,18 @@
 //! The wide table as text: empty where a signal has no row; every number reads back as the same bits.
 
 use super::Exported;
-use super::walk::{Cursor, State, Walk, seconds};
+use super::tick_table::{Cursor, State, TickTable, seconds};
 use std::io::{self, Write};
 
-pub(super) fn write(walk: &Walk<'_>, to: impl Write) -> io::Result<Exported> {
+pub(super) fn write(table: &TickTable<'_>, to: impl Write) -> io::Result<Exported> {
     let mut file = csv::Writer::from_writer(to);
     let mut header = vec!["tick".to_owned(), "sim_time_s".to_owned()];
-    header.extend(walk.names());
-    header.extend(walk.labels.iter().map(|(path, _)| (*path).to_owned()));
+    header.extend(table.names());
+    header.extend(table.labels.iter().map(|(path, _)| (*path).to_owned()));
     file.write_record(&header)?;
-    let mut signals: Vec<_> = walk.signals.iter().map(|(_, columns)| (Cursor::new(columns), columns.width)).collect();
-    let mut labels: Vec<_> = walk.labels.iter().map(|(_, changes)| State::new(changes)).collect();
-    for &(tick, time_ns) in &walk.moments {
+    let mut signals: Vec<_> = table.signals.iter().map(|(_, columns)| (Cursor::new(columns), columns.width)).collect();
+    let mut labels: Vec<_> = table.labels.iter().map(|(_, changes)| State::new(changes)).collect();
+    for &(tick, time_ns) in &table.moments {
         file.write_field(tick.to_string())?;
         file.write_field(text(seconds(time_ns)))?;
         for (cursor, width) in &mut signals {
@@ -27,7 +27,7 @@ pub(super) fn write(walk: &Walk<'_>, to: impl Write) -> io::Result<Exported> {
         file.write_record(None::<&[u8]>)?;
     }
     file.flush()?;
-    Ok(Exported { rows: walk.moments.len() as u64, columns: header.len() })
+    Ok(Exported { rows: table.moments.len() as u64, columns: header.len() })
 }
 
 /// The shortest text that reads back as the same number.

@@ -1,7 +1,7 @@
 //! A channel per signal, in JSON with a JSON Schema each; the time of a message is the simulated time.
 
 use super::Exported;
-use super::walk::{Cursor, State, Walk, components};
+use super::tick_table::{Cursor, State, TickTable, components};
 use crate::{APPLICATION, Recording};
 use mcap::records::{MessageHeader, Metadata};
 use serde_json::{Map, Value, json};
@@ -12,7 +12,7 @@ use supertwin_core::{Event, Property, Severity};
 /// Topic of the events.
 const EVENTS: &str = "/events";
 
-pub(super) fn write(recording: &Recording, walk: &Walk<'_>, to: impl Write + Seek) -> io::Result<Exported> {
+pub(super) fn write(recording: &Recording, table: &TickTable<'_>, to: impl Write + Seek) -> io::Result<Exported> {
     let library = concat!("supertwin ", env!("CARGO_PKG_VERSION"));
     let mut file = File { writer: mcap::WriteOptions::new().library(library).create(to).map_err(wrong)?, messages: 0 };
     for (group, properties) in &recording.properties {
@@ -27,7 +27,7 @@ pub(super) fn write(recording: &Recording, walk: &Walk<'_>, to: impl Write + See
     }
 
     let mut signals = Vec::new();
-    for (path, columns) in &walk.signals {
+    for (path, columns) in &table.signals {
         let keys: Vec<String> =
             components(path, columns).into_iter().map(|name| name.unwrap_or_else(|| "value".to_owned())).collect();
         let numbers = keys.iter().map(|key| (key.clone(), json!({ "type": ["number", "null"] })));
@@ -35,14 +35,14 @@ pub(super) fn write(recording: &Recording, walk: &Walk<'_>, to: impl Write + See
         signals.push((channel, keys, Cursor::new(columns)));
     }
     let mut labels = Vec::new();
-    for (path, changes) in &walk.labels {
+    for (path, changes) in &table.labels {
         let value = Map::from_iter([("value".to_owned(), json!({ "type": "string" }))]);
         labels.push((file.channel(path, &format!("/{path}"), &value)?, State::new(changes)));
     }
     let log = file.channel("foxglove.Log", EVENTS, &log_schema())?;
 
     let mut events = recording.events.iter().peekable();
-    for &(tick, time_ns) in &walk.moments {
+    for &(tick, time_ns) in &table.moments {
         while let Some(event) = events.next_if(|event| event.tick as i64 <= tick) {
             file.message(log, time_ns, &log_entry(event, time_ns))?;
         }
@@ -59,7 +59,7 @@ pub(super) fn write(recording: &Recording, walk: &Walk<'_>, to: impl Write + See
             }
         }
     }
-    let end_ns = walk.moments.last().map_or(0, |moment| moment.1);
+    let end_ns = table.moments.last().map_or(0, |moment| moment.1);
     for event in events {
         file.message(log, end_ns, &log_entry(event, end_ns))?;
     }

@@ -3,9 +3,9 @@
 mod csv;
 mod mcap;
 mod parquet;
-mod walk;
+mod tick_table;
 
-use crate::{Recording, place};
+use crate::{Recording, atomic_file};
 use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
 
@@ -47,15 +47,15 @@ pub enum ExportError {
     /// There is nothing to export.
     #[error("{name}: no signal and no label to export")]
     Nothing {
-        /// The run.
+        /// Name of the run, as its recording states it.
         name: String,
     },
     /// The file can't be written.
     #[error("{}: {error}", path.display())]
     Write {
-        /// The file.
+        /// Path of the file as it was given.
         path: PathBuf,
-        /// Why.
+        /// What the system or the parser reported.
         error: io::Error,
     },
 }
@@ -65,16 +65,16 @@ pub enum ExportError {
 /// # Errors
 /// When there is nothing to write, or the file can't be written.
 pub fn export(recording: &Recording, format: Format, path: &Path, overwrite: bool) -> Result<Exported, ExportError> {
-    let walk = walk::Walk::new(recording);
-    if walk.is_empty() {
+    let table = tick_table::TickTable::new(recording);
+    if table.is_empty() {
         return Err(ExportError::Nothing { name: recording.name.clone() });
     }
-    place::create(path, overwrite, |file, _| {
+    atomic_file::create(path, overwrite, |file, _| {
         let mut file = BufWriter::new(file);
         let done = match format {
-            Format::Parquet => parquet::write(recording, &walk, &mut file),
-            Format::Csv => csv::write(&walk, &mut file),
-            Format::Mcap => mcap::write(recording, &walk, &mut file),
+            Format::Parquet => parquet::write(recording, &table, &mut file),
+            Format::Csv => csv::write(&table, &mut file),
+            Format::Mcap => mcap::write(recording, &table, &mut file),
         }?;
         file.into_inner().map_err(io::IntoInnerError::into_error)?.sync_all()?;
         Ok(done)

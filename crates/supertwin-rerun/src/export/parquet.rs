@@ -1,7 +1,7 @@
 //! The wide table in columns: null where a signal has no row.
 
 use super::Exported;
-use super::walk::{Cursor, State, Walk, seconds};
+use super::tick_table::{Cursor, State, TickTable, seconds};
 use crate::Recording;
 use parquet::arrow::ArrowWriter;
 use parquet::basic::{Compression, ZstdLevel};
@@ -14,12 +14,12 @@ use std::sync::Arc;
 /// Rows that are put together at a time.
 const BATCH: usize = 1 << 16;
 
-pub(super) fn write(recording: &Recording, walk: &Walk<'_>, to: impl Write + Send) -> io::Result<Exported> {
-    let names = walk.names();
+pub(super) fn write(recording: &Recording, table: &TickTable<'_>, to: impl Write + Send) -> io::Result<Exported> {
+    let names = table.names();
     let mut fields =
         vec![Field::new("tick", DataType::Int64, false), Field::new("sim_time_s", DataType::Float64, false)];
     fields.extend(names.into_iter().map(|name| Field::new(name, DataType::Float64, true)));
-    fields.extend(walk.labels.iter().map(|(path, _)| Field::new(*path, DataType::Utf8, true)));
+    fields.extend(table.labels.iter().map(|(path, _)| Field::new(*path, DataType::Utf8, true)));
     let columns = fields.len();
     let properties = serde_json::to_string(&recording.properties)?;
     let about = [("supertwin.run".to_owned(), recording.name.clone()), ("supertwin.properties".to_owned(), properties)];
@@ -30,9 +30,9 @@ pub(super) fn write(recording: &Recording, walk: &Walk<'_>, to: impl Write + Sen
         .set_dictionary_enabled(false)
         .build();
     let mut file = ArrowWriter::try_new(to, Arc::clone(&schema), Some(options))?;
-    let mut signals: Vec<_> = walk.signals.iter().map(|(_, columns)| (Cursor::new(columns), columns.width)).collect();
-    let mut labels: Vec<_> = walk.labels.iter().map(|(_, changes)| State::new(changes)).collect();
-    for moments in walk.moments.chunks(BATCH) {
+    let mut signals: Vec<_> = table.signals.iter().map(|(_, columns)| (Cursor::new(columns), columns.width)).collect();
+    let mut labels: Vec<_> = table.labels.iter().map(|(_, changes)| State::new(changes)).collect();
+    for moments in table.moments.chunks(BATCH) {
         let ticks = moments.iter().map(|moment| moment.0);
         let mut arrays: Vec<ArrayRef> = vec![
             Arc::new(Int64Array::from_iter_values(ticks.clone())),
@@ -56,5 +56,5 @@ pub(super) fn write(recording: &Recording, walk: &Walk<'_>, to: impl Write + Sen
         file.write(&RecordBatch::try_new(Arc::clone(&schema), arrays).map_err(io::Error::other)?)?;
     }
     file.close()?;
-    Ok(Exported { rows: walk.moments.len() as u64, columns })
+    Ok(Exported { rows: table.moments.len() as u64, columns })
 }

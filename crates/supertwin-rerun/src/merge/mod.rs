@@ -26,11 +26,11 @@ use crate::blueprint::Compared;
 use crate::chunks::Problem;
 use crate::read::{Damage, ReadError};
 use crate::writer::Writer;
-use crate::{COMPARISON, place, style};
+use crate::{COMPARISON, atomic_file, style};
 use load::Loaded;
 use rerun::external::re_log_encoding::EncodingOptions;
 use rerun::{StoreId, StoreKind};
-pub use scores::{Better, Cell, Row, Scores};
+pub use scores::{Better, Cell, ScoreRow, Scores};
 use std::collections::BTreeSet;
 use std::fs::File;
 use std::io::{self, BufWriter};
@@ -65,7 +65,7 @@ pub struct Merge {
     pub name: String,
     /// What is compared: names in legends and headings, one colour each. Of single runs, one group each.
     pub groups: Vec<String>,
-    /// Their recordings.
+    /// Recordings that are merged, with the group each belongs to.
     pub runs: Vec<MergedRun>,
     /// Place in `groups` of the one that the others are held against.
     pub baseline: usize,
@@ -108,7 +108,7 @@ pub enum MergeError {
     Write {
         /// The merged file.
         path: PathBuf,
-        /// Why.
+        /// What the system or the parser reported.
         cause: String,
     },
 }
@@ -148,7 +148,7 @@ pub fn merge(merge: &Merge, out: &Path, overwrite: bool) -> Result<Merged, Merge
         return Err(MergeError::Call(format!("{what} {}", tracking::SWAY.path)));
     }
     let failed = |cause: String| MergeError::Write { path: out.to_owned(), cause };
-    let written = place::create(out, overwrite, |file, _| to_file(merge, &runs, merged.every_ticks, file));
+    let written = atomic_file::create(out, overwrite, |file, _| to_file(merge, &runs, merged.every_ticks, file));
     (merged.bytes, merged.compared) = written.map_err(|failure| match failure {
         Failure::Read(error) => MergeError::Read(error),
         Failure::Write(cause) => failed(cause),
@@ -234,7 +234,7 @@ fn labels(merge: &Merge) -> Vec<Label> {
     merge.groups.iter().enumerate().map(label).collect()
 }
 
-/// Below `/runs/<name>`.
+/// Entity of `path` in the merged recording: `/runs/<name>/<path>`.
 fn of_run(name: &str, path: &str) -> rerun::EntityPath {
     let home = rerun::EntityPath::from("runs").join(&rerun::EntityPath::from_single_string(name));
     home.join(&rerun::EntityPath::from(path))

@@ -11,14 +11,14 @@ pub struct Scores {
     /// Sentences that come first, such as "agsta is better than pid in sway: …"; Markdown.
     pub verdicts: Vec<String>,
     /// Metrics in their order.
-    pub rows: Vec<Row>,
+    pub rows: Vec<ScoreRow>,
     /// What comes after the table, such as how the configurations differ; Markdown.
     pub notes: String,
 }
 
-/// One metric.
+/// A metric, with a value for every group.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Row {
+pub struct ScoreRow {
     /// Its place in the recording, such as `measured.sway_m_per_s`.
     pub name: String,
     /// What people read, such as `Sway, measured RMS error`.
@@ -50,13 +50,13 @@ pub enum Better {
     Lower,
     /// Shares of time inside a tolerance.
     Higher,
-    /// Biases.
+    /// Biases: the value that is nearest to zero.
     NearZero,
     /// Neither: a fact.
     Neither,
 }
 
-impl Row {
+impl ScoreRow {
     /// Places of the best; several when they are equal in what is printed, none when all are.
     pub(super) fn best(&self) -> Vec<usize> {
         let worth = |cell: &Cell| match self.better {
@@ -113,7 +113,7 @@ pub(super) fn markdown(scores: &Scores, labels: &[Label], after: &str) -> String
             text += &format!("| {} |", cell(&row.heading()));
             for i in 0..labels.len() {
                 let value = row.cells.get(i).copied().flatten();
-                let said = value.map_or_else(|| "–".to_owned(), |cell| said(&cell));
+                let said = value.map_or_else(|| "–".to_owned(), |cell| cell_text(&cell));
                 text += &if best.contains(&i) { format!(" **{said}** |") } else { format!(" {said} |") };
             }
             text += "\n";
@@ -131,7 +131,7 @@ pub(super) fn markdown(scores: &Scores, labels: &[Label], after: &str) -> String
     text + after
 }
 
-fn said(cell: &Cell) -> String {
+fn cell_text(cell: &Cell) -> String {
     match cell.plus_minus {
         Some(spread) => format!("{} ± {}", digits(cell.value), digits(spread)),
         None => digits(cell.value),
@@ -144,19 +144,19 @@ fn cell(text: &str) -> String {
 }
 
 /// Where the bars of a metric are.
-pub(super) fn place(row: &Row) -> EntityPath {
+pub(super) fn bars_entity(row: &ScoreRow) -> EntityPath {
     EntityPath::from("compare/scores/metric").join(&EntityPath::from_single_string(row.name.as_str()))
 }
 
 /// A bar for every group that has a value, each in its colour and at its place.
-pub(super) fn bars(row: &Row, labels: &[Label]) -> Result<Vec<Chunk>, Problem> {
+pub(super) fn bars(row: &ScoreRow, labels: &[Label]) -> Result<Vec<Chunk>, Problem> {
     let bar = |(i, label): (usize, &Label)| {
         let cell = row.cells.get(i).copied().flatten().filter(|cell| cell.value.is_finite())?;
         let bar = rerun::BarChart::new(vec![cell.value])
             .with_abscissa(vec![i as f64])
             .with_widths([0.8_f32])
             .with_color(label.color);
-        Some(fixed(place(row).join(&EntityPath::from_single_string(label.name.as_str())), &bar))
+        Some(fixed(bars_entity(row).join(&EntityPath::from_single_string(label.name.as_str())), &bar))
     };
     labels.iter().enumerate().filter_map(bar).collect()
 }
@@ -165,10 +165,10 @@ pub(super) fn bars(row: &Row, labels: &[Label]) -> Result<Vec<Chunk>, Problem> {
 mod tests {
     use super::*;
 
-    fn row(values: &[Option<f64>], better: Better) -> Row {
+    fn row(values: &[Option<f64>], better: Better) -> ScoreRow {
         let cells = values.iter().map(|value| value.map(|value| Cell { value, plus_minus: None })).collect();
         let (name, title, unit) = ("sway".to_owned(), "Sway".to_owned(), "m/s".to_owned());
-        Row { name, title, unit, cells, better, chart: true }
+        ScoreRow { name, title, unit, cells, better, chart: true }
     }
 
     fn labels() -> Vec<Label> {

@@ -164,7 +164,6 @@ impl Lifetime {
     }
 }
 
-/// Runs `pki`.
 pub(crate) fn pki(arguments: &PkiArguments) -> Result<ExitCode, OperationError> {
     let clock = SystemClock::start();
     match &arguments.verb {

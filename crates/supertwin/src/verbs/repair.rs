@@ -36,7 +36,6 @@ pub(crate) struct RepairArguments {
     json: bool,
 }
 
-/// Does it.
 pub(crate) fn repair(arguments: &RepairArguments) -> Result<ExitCode, OperationError> {
     let out = arguments.out.clone().unwrap_or_else(|| arguments.file.with_extension("repaired.rrd"));
     let done = repair::repair(&arguments.file, &out, arguments.force).map_err(|error| match error {
@@ -69,11 +68,11 @@ pub(crate) fn repair(arguments: &RepairArguments) -> Result<ExitCode, OperationE
     for damage in &done.damage {
         terminal::print(&damage.to_string());
     }
-    terminal::print(&format!("{}: {}", written.display(), said(&done)));
+    terminal::print(&format!("{}: {}", written.display(), summary(&done)));
     Ok(ExitCode::SUCCESS)
 }
 
-fn said(done: &Repair) -> String {
+fn summary(done: &Repair) -> String {
     let mut last = done.last_tick.map_or_else(|| "no tick".to_owned(), |tick| format!("the last of tick {tick}"));
     if done.behind > 0 {
         last += &format!(" ({} signals end before it)", done.behind);

@@ -52,7 +52,6 @@ struct Listed<'a> {
     schema: Option<&'a serde_json::Value>,
 }
 
-/// Does it.
 pub(crate) fn schema(arguments: &SchemaArguments) -> Result<ExitCode, OperationError> {
     let all = schema::all();
     let find = |name: &String| {

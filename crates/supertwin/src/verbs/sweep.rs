@@ -6,7 +6,7 @@ use serde_json::json;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use supertwin_lab::Library;
-use supertwin_lab::sweep::Keep;
+use supertwin_lab::sweep::KeepRecordings;
 use supertwin_operations::OperationError;
 use supertwin_operations::sweep::{self, Shard, SweepOptions, Swept};
 
@@ -68,7 +68,7 @@ enum KeepArgument {
     None,
 }
 
-impl From<KeepArgument> for Keep {
+impl From<KeepArgument> for KeepRecordings {
     fn from(keep: KeepArgument) -> Self {
         match keep {
             KeepArgument::All => Self::All,
@@ -85,11 +85,11 @@ pub(crate) fn sweep(arguments: &SweepArguments, library: &Library) -> Result<Exi
         folder: arguments.out.clone(),
         shard: arguments.shard.unwrap_or(Shard::WHOLE),
         jobs: usize::from(arguments.jobs.unwrap_or(0)),
-        recordings: arguments.recordings.map(Keep::from),
+        recordings: arguments.recordings.map(KeepRecordings::from),
         force: arguments.force,
     };
     if !arguments.gather.is_empty() {
-        return Ok(said(&sweep::gather(&options, &arguments.gather, library)?, arguments.json));
+        return Ok(print_outcome(&sweep::gather(&options, &arguments.gather, library)?, arguments.json));
     }
     let stop = terminal::stop_flag(|| {})?;
     let swept = sweep::sweep(&options, library, &stop, &Bar::new(arguments.json))?;
@@ -108,15 +108,15 @@ pub(crate) fn sweep(arguments: &SweepArguments, library: &Library) -> Result<Exi
         ));
         return Ok(ExitCode::from(INTERRUPTED));
     }
-    Ok(said(&swept, arguments.json))
+    Ok(print_outcome(&swept, arguments.json))
 }
 
 /// Says what there is now.
-fn said(swept: &Swept, json: bool) -> ExitCode {
+fn print_outcome(swept: &Swept, json: bool) -> ExitCode {
     let (rows, work) = (&swept.rows, swept.work.as_ref());
     let well = rows.iter().all(|row| row.verdict.is_well());
     if json {
-        let said = json!({
+        let summary = json!({
             "sweep": swept.name(),
             "plan": swept.plan(),
             "shard": swept.shard.to_string(),
@@ -128,7 +128,7 @@ fn said(swept: &Swept, json: bool) -> ExitCode {
             "report": swept.report,
             "configurations": swept.summaries(),
         });
-        terminal::print(&format!("{said:#}"));
+        terminal::print(&format!("{summary:#}"));
     } else {
         for row in rows.iter().filter(|row| !row.verdict.is_well()).take(10) {
             terminal::print(&format!(

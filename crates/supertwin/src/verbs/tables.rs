@@ -7,12 +7,12 @@ use supertwin_lab::paper::{ROWS, table_iv};
 use supertwin_operations::run::FinishedRun;
 
 /// Runs of one trial and controller.
-struct Group<'a> {
+struct TrialRuns<'a> {
     title: String,
     runs: Vec<&'a FinishedRun>,
 }
 
-impl Group<'_> {
+impl TrialRuns<'_> {
     /// Mean, and standard deviation when several seeds ran.
     fn cell(&self, digits: usize, value: impl Fn(&Scores) -> f64) -> String {
         let n = self.runs.len() as f64;
@@ -25,8 +25,8 @@ impl Group<'_> {
     }
 }
 
-fn groups<'a>(done: &[&'a FinishedRun]) -> Vec<Group<'a>> {
-    let mut groups: Vec<Group<'_>> = Vec::new();
+fn groups<'a>(done: &[&'a FinishedRun]) -> Vec<TrialRuns<'a>> {
+    let mut groups: Vec<TrialRuns<'_>> = Vec::new();
     for &run in done {
         let title = if run.trial.ends_with(&run.controller) {
             run.trial.clone()
@@ -35,7 +35,7 @@ fn groups<'a>(done: &[&'a FinishedRun]) -> Vec<Group<'a>> {
         };
         match groups.iter_mut().find(|group| group.title == title) {
             Some(group) => group.runs.push(run),
-            None => groups.push(Group { title, runs: vec![run] }),
+            None => groups.push(TrialRuns { title, runs: vec![run] }),
         }
     }
     groups

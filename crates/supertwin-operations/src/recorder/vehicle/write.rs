@@ -1,9 +1,9 @@
 //! What was heard, tick by tick, into the recording of its run.
 
-use super::super::account::Account;
-use super::super::catalogue::Catalogue;
-use super::super::keep::Keep;
-use super::super::laps::{Lap, Part};
+use super::super::lap_assembler::{Lap, ServiceTelemetry};
+use super::super::link_monitor::LinkMonitor;
+use super::super::run_recording::RunRecording;
+use super::super::signal_registry::SignalRegistry;
 use super::{ASK, DESCRIBED, Run, Vehicle};
 use serde_json::json;
 use std::collections::BTreeMap;
@@ -45,7 +45,7 @@ impl Vehicle {
     /// Begins the recording as soon as the run is described.
     pub(super) fn describe(&mut self, now: Duration, inbox: &Inbox) {
         let Some(run) = &mut self.run else { return };
-        if run.keep.is_some() {
+        if run.recording.is_some() {
             return;
         }
         let about = self.about.get("plant").cloned();
@@ -78,7 +78,7 @@ impl Vehicle {
         let name = format!("{}-{}", self.name, run.id);
         let header = RunHeader { name, properties, scene };
         let (folder, live) = (self.shared.folder.clone(), self.shared.live.as_ref());
-        run.keep = Some(Keep::begin(header, folder, live, self.shared.rotation, now));
+        run.recording = Some(RunRecording::begin(header, folder, live, self.shared.rotation, now));
         if undescribed {
             self.tell(Severity::Warning, EventKind::ConfigurationUnknown);
         }
@@ -87,15 +87,15 @@ impl Vehicle {
     /// Writes the next lap, if it is ready.
     pub(super) fn write_next(&mut self, now: Duration, inbox: &Inbox) -> bool {
         let Some(run) = &mut self.run else { return false };
-        if run.keep.is_none() {
+        if run.recording.is_none() {
             return false;
         }
         let flush = self.stop.is_some_and(|(_, complete)| !complete);
         if run.lock_step && !flush && !wires_are_there(run) {
             return false;
         }
-        let described = |path: &String| self.catalogue.get(path).is_some();
-        if !flush && !run.laps.first_paths().all(described) {
+        let described = |path: &String| self.registry.get(path).is_some();
+        if !flush && !run.assembler.first_paths().all(described) {
             // Whoever shows a signal has described it before: the description is on its way, or can be asked for.
             let since = *self.undescribed.get_or_insert(now);
             if now.saturating_sub(since) < DESCRIBED {
@@ -106,40 +106,42 @@ impl Vehicle {
             }
         }
         self.undescribed = None;
-        let missing = run.laps.missing;
-        let Some(lap) = run.laps.pop(now, run.lock_step, flush) else { return false };
+        let missing = run.assembler.missing;
+        let Some(lap) = run.assembler.pop(now, run.lock_step, flush) else { return false };
         let before = run.last.k;
-        let gaps: Vec<(&str, u64)> =
-            (0..RING.len()).map(|i| (RING[i], run.laps.missing[i] - missing[i])).filter(|(_, gap)| *gap > 0).collect();
+        let gaps: Vec<(&str, u64)> = (0..RING.len())
+            .map(|i| (RING[i], run.assembler.missing[i] - missing[i]))
+            .filter(|(_, gap)| *gap > 0)
+            .collect();
         for (service, gap) in gaps {
             // One that is too slow loses something at every tick: said once a second, counted in any case.
-            if self.account.may_complain(&format!("gap in {service}"), now) {
+            if self.monitor.may_complain(&format!("gap in {service}"), now) {
                 let (key, after_tick, before_tick) = (keys::telemetry(service), Some(before), lap.tick);
                 self.tell(Severity::Warning, EventKind::NotRecorded { key, messages: gap, after_tick, before_tick });
             }
         }
         // What came too late is older than this one: labels keep their order.
-        self.write_belated(now, false);
+        self.write_late(now, false);
         self.write(&lap, now);
         true
     }
 
     fn write(&mut self, lap: &Lap, now: Duration) {
         let Some(run) = &mut self.run else { return };
-        let Some(keep) = &mut run.keep else { return };
+        let Some(recording) = &mut run.recording else { return };
         let tick = Tick { k: lap.tick, dt_s: run.dt_s };
         let clocks = lap.parts.iter().flatten().next().map(|part| part.clocks).unwrap_or_default();
-        keep.tick(tick, clocks, now);
+        recording.tick(tick, clocks, now);
         for part in lap.parts.iter().flatten() {
-            self.account.refused += show(part, &mut self.catalogue, &mut run.widths, keep);
+            self.monitor.refused += write_signals(part, &mut self.registry, &mut run.widths, recording);
         }
         if let Some(tracking) = Tracking::from_signals(lap) {
-            tracking.observe(keep);
+            tracking.observe(recording);
         }
-        self.account.show(&mut self.catalogue, run.laps.missing, &run.wire_missing, clocks, keep);
+        self.monitor.show(&mut self.registry, run.assembler.missing, &run.wire_missing, clocks, recording);
         for (service, part) in RING.iter().zip(&lap.parts) {
             if let Some(part) = part {
-                account_for(service, part, tick, keep);
+                write_step_account(service, part, tick, recording);
             }
         }
         let digests: Vec<u64> = lap.parts.iter().flatten().filter_map(|part| part.digest).collect();
@@ -157,22 +159,24 @@ impl Vehicle {
     }
 
     /// Writes what came after its tick had been written, such as what a service said on the far side of a cut tether.
-    pub(super) fn write_belated(&mut self, now: Duration, flush: bool) {
+    pub(super) fn write_late(&mut self, now: Duration, flush: bool) {
         let Some(run) = &mut self.run else { return };
-        let Some(keep) = &mut run.keep else { return };
-        let missing = run.laps.missing;
-        let belated = run.laps.take_belated(now, flush);
-        let gaps: Vec<(&str, u64)> =
-            (0..RING.len()).map(|i| (RING[i], run.laps.missing[i] - missing[i])).filter(|(_, gap)| *gap > 0).collect();
-        let until = belated.iter().map(|(_, tick, _)| *tick).max().unwrap_or_default();
-        for (service, k, part) in belated {
+        let Some(recording) = &mut run.recording else { return };
+        let missing = run.assembler.missing;
+        let late_telemetry = run.assembler.take_late(now, flush);
+        let gaps: Vec<(&str, u64)> = (0..RING.len())
+            .map(|i| (RING[i], run.assembler.missing[i] - missing[i]))
+            .filter(|(_, gap)| *gap > 0)
+            .collect();
+        let until = late_telemetry.iter().map(|(_, tick, _)| *tick).max().unwrap_or_default();
+        for (service, k, part) in late_telemetry {
             let tick = Tick { k, dt_s: run.dt_s };
-            keep.belated(tick, part.clocks);
-            self.account.refused += show(&part, &mut self.catalogue, &mut run.widths, keep);
-            account_for(RING[service], &part, tick, keep);
+            recording.late_tick(tick, part.clocks);
+            self.monitor.refused += write_signals(&part, &mut self.registry, &mut run.widths, recording);
+            write_step_account(RING[service], &part, tick, recording);
         }
         for (service, gap) in gaps {
-            if self.account.may_complain(&format!("gap in {service}"), now) {
+            if self.monitor.may_complain(&format!("gap in {service}"), now) {
                 let (key, before_tick) = (keys::telemetry(service), until);
                 let gap = EventKind::NotRecorded { key, messages: gap, after_tick: None, before_tick };
                 self.tell(Severity::Warning, gap);
@@ -183,20 +187,20 @@ impl Vehicle {
     /// Hands events, states and exact messages on, as soon as their run is known.
     pub(super) fn flush_notes(&mut self) {
         let Some(run) = &mut self.run else { return };
-        let Some(keep) = &mut run.keep else { return };
+        let Some(recording) = &mut run.recording else { return };
         for (id, event, clocks) in self.events.drain(..) {
             if id.is_empty() || id == run.id {
                 run.warnings += u64::from(event.severity > Severity::Info);
-                keep.event(&event, clocks);
+                recording.event(&event, clocks);
             }
         }
         for (path, clocks, words) in self.states.drain(..) {
-            keep.text(&path, run.last, clocks, &words);
+            recording.text(&path, run.last, clocks, &words);
         }
-        for kept in self.wires.drain(..) {
-            if kept.run.is_empty() || kept.run == run.id {
-                let tick = Tick { k: kept.tick, dt_s: run.dt_s };
-                keep.bytes(&format!("wire/{}", kept.key), tick, kept.clocks, kept.bytes);
+        for message in self.wires.drain(..) {
+            if message.run.is_empty() || message.run == run.id {
+                let tick = Tick { k: message.tick, dt_s: run.dt_s };
+                recording.bytes(&format!("wire/{}", message.key), tick, message.clocks, message.bytes);
             }
         }
     }
@@ -204,11 +208,11 @@ impl Vehicle {
     /// Closes the recording of the present run.
     pub(crate) fn end_run(&mut self, complete: bool, now: Duration) {
         // What waits is written as it is: there will be no more of it.
-        while let Some(lap) = self.run.as_mut().and_then(|run| run.laps.pop(now, false, true)) {
-            self.write_belated(now, true);
+        while let Some(lap) = self.run.as_mut().and_then(|run| run.assembler.pop(now, false, true)) {
+            self.write_late(now, true);
             self.write(&lap, now);
         }
-        self.write_belated(now, true);
+        self.write_late(now, true);
         self.flush_notes();
         self.stop = None;
         if let Some(run) = &mut self.run {
@@ -218,14 +222,14 @@ impl Vehicle {
                 ("warnings".to_owned(), run.warnings.into()),
             ]);
             for (i, service) in RING.iter().enumerate() {
-                results.insert(format!("missing.{service}"), run.laps.missing[i].into());
-                results.insert(format!("thinned.{service}"), run.laps.thinned[i].into());
+                results.insert(format!("missing.{service}"), run.assembler.missing[i].into());
+                results.insert(format!("thinned.{service}"), run.assembler.thinned[i].into());
             }
             if run.digest_whole && run.ticks > 0 {
                 results.insert("hash".to_owned(), run.digest.to_string().into());
             }
-            if let Some(keep) = &mut run.keep {
-                let rescored = if run.ticks > LONG { Some(Err(TOO_LONG.to_owned())) } else { keep.rescore() };
+            if let Some(recording) = &mut run.recording {
+                let rescored = if run.ticks > LONG { Some(Err(TOO_LONG.to_owned())) } else { recording.rescore() };
                 match rescored {
                     Some(Ok(rescored)) => results.extend(rescored.scores.properties()),
                     // A run without a plant or without its configuration has no scores.
@@ -234,8 +238,8 @@ impl Vehicle {
                     }
                     None => {}
                 }
-                keep.finish(&results, now);
-                self.compacting.append(&mut keep.compacting);
+                recording.finish(&results, now);
+                self.compacting.append(&mut recording.compacting);
             }
         }
         self.report();
@@ -243,15 +247,20 @@ impl Vehicle {
             self.finished += 1;
         }
         self.about.remove("plant");
-        self.account = Account::default();
+        self.monitor = LinkMonitor::default();
     }
 }
 
 /// Shows the signals of a service at a tick; how many could not be shown.
-fn show(part: &Part, catalogue: &mut Catalogue, widths: &mut BTreeMap<&'static str, usize>, keep: &mut Keep) -> u64 {
+fn write_signals(
+    part: &ServiceTelemetry,
+    registry: &mut SignalRegistry,
+    widths: &mut BTreeMap<&'static str, usize>,
+    recording: &mut RunRecording,
+) -> u64 {
     let mut refused = 0;
     for (path, shape) in &part.telemetry.signals {
-        let Some(signal) = catalogue.keep(path, &[], &[], "") else {
+        let Some(signal) = registry.register(path, &[], &[], "") else {
             refused += 1;
             continue;
         };
@@ -259,13 +268,13 @@ fn show(part: &Part, catalogue: &mut Catalogue, widths: &mut BTreeMap<&'static s
             Shape::Numbers(values) => {
                 let width = *widths.entry(signal.path).or_insert(values.len());
                 if width == values.len() {
-                    keep.vector(signal, values);
+                    recording.vector(signal, values);
                 } else {
                     refused += 1;
                 }
             }
-            Shape::Label(value) => match catalogue.label(value) {
-                Some(value) => keep.label(signal, value),
+            Shape::Label(value) => match registry.label(value) {
+                Some(value) => recording.label(signal, value),
                 None => refused += 1,
             },
         }
@@ -274,7 +283,7 @@ fn show(part: &Part, catalogue: &mut Catalogue, widths: &mut BTreeMap<&'static s
 }
 
 /// Keeps who stepped on what, and the commands that applied: what a replay needs beside the messages.
-fn account_for(service: &str, part: &Part, tick: Tick, keep: &mut Keep) {
+fn write_step_account(service: &str, part: &ServiceTelemetry, tick: Tick, recording: &mut RunRecording) {
     let telemetry = &part.telemetry;
     let mut account = json!({ "source": part.source, "seq": part.seq, "used": telemetry.used });
     if telemetry.steps > 0 {
@@ -288,17 +297,17 @@ fn account_for(service: &str, part: &Part, tick: Tick, keep: &mut Keep) {
     }
     let path = format!("command/{service}");
     for applied in &telemetry.earlier {
-        keep.text(&path, Tick { k: applied.tick, ..tick }, part.clocks, &applied.command.to_string());
+        recording.text(&path, Tick { k: applied.tick, ..tick }, part.clocks, &applied.command.to_string());
     }
     for command in &telemetry.commands {
-        keep.text(&path, tick, part.clocks, &command.to_string());
+        recording.text(&path, tick, part.clocks, &command.to_string());
     }
-    keep.text(&format!("step/{service}"), tick, part.clocks, &account.to_string());
+    recording.text(&format!("step/{service}"), tick, part.clocks, &account.to_string());
 }
 
 /// In lock step a tick is only seen when its exact messages are there as well.
 fn wires_are_there(run: &Run) -> bool {
-    let next = run.laps.next().unwrap_or(0);
+    let next = run.assembler.next().unwrap_or(0);
     [Measurements::KEY, Nav::KEY, Reference::KEY, Thrust::KEY]
         .iter()
         .all(|key| run.wire_seen.get(*key).is_some_and(|(_, seq)| *seq > next))

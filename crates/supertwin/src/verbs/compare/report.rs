@@ -6,7 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use supertwin_lab::align::Window;
 use supertwin_lab::limits::{Judged, Outcome};
 use supertwin_lab::metrics::Selection;
-use supertwin_lab::statistics::{FEWEST_SEEDS, Summary, Verdict};
+use supertwin_lab::statistics::{DifferenceVerdict, FEWEST_SEEDS, Summary};
 use supertwin_operations::compare::{Comparison, GroupReport, changes_text};
 
 /// All of it.
@@ -133,16 +133,16 @@ fn against(group: &GroupReport, markdown: bool) -> String {
 /// How many metrics speak for it, and how many against.
 fn glance(group: &GroupReport) -> String {
     let verdicts = group.metrics.iter().filter_map(|row| row.difference.as_ref().map(|difference| difference.verdict));
-    let mut counts = BTreeMap::<Verdict, usize>::new();
+    let mut counts = BTreeMap::<DifferenceVerdict, usize>::new();
     verdicts.for_each(|verdict| *counts.entry(verdict).or_default() += 1);
     let said = counts.into_iter().map(|(verdict, n)| {
         let words = match verdict {
-            Verdict::Better => "better in",
-            Verdict::Worse => "worse in",
-            Verdict::NoClearDifference => "no clear difference in",
-            Verdict::Equal => "equal in",
-            Verdict::Different => "different in",
-            Verdict::TooFewSeeds => "too few seeds for a verdict in",
+            DifferenceVerdict::Better => "better in",
+            DifferenceVerdict::Worse => "worse in",
+            DifferenceVerdict::NoClearDifference => "no clear difference in",
+            DifferenceVerdict::Equal => "equal in",
+            DifferenceVerdict::Different => "different in",
+            DifferenceVerdict::TooFewSeeds => "too few seeds for a verdict in",
         };
         format!("{words} {n}")
     });
@@ -156,7 +156,9 @@ fn careful(comparison: &Comparison) -> String {
         .groups
         .iter()
         .flat_map(|group| &group.metrics)
-        .filter(|row| row.difference.as_ref().is_some_and(|it| it.interval.is_some() && it.verdict != Verdict::Equal))
+        .filter(|row| {
+            row.difference.as_ref().is_some_and(|it| it.interval.is_some() && it.verdict != DifferenceVerdict::Equal)
+        })
         .count();
     if judged == 0 {
         return format!("Differences are this minus baseline; a verdict needs {FEWEST_SEEDS} seeds in both.");

@@ -11,18 +11,18 @@ const ROOM: usize = 4096;
 
 /// Signals and labels by name.
 #[derive(Debug, Default)]
-pub(crate) struct Catalogue {
+pub(crate) struct SignalRegistry {
     signals: BTreeMap<&'static str, &'static Signal>,
     labels: BTreeSet<&'static str>,
 }
 
-impl Catalogue {
+impl SignalRegistry {
     /// Learns what a service says about its signals.
     pub(crate) fn learn(&mut self, descriptions: &[Description<'_>]) {
         for description in descriptions {
             let components: Vec<&str> = description.components.iter().map(|word| &**word).collect();
             let units: Vec<&str> = description.units.iter().map(|word| &**word).collect();
-            self.keep(&description.path, &components, &units, &description.about);
+            self.register(&description.path, &components, &units, &description.about);
         }
     }
 
@@ -32,7 +32,7 @@ impl Catalogue {
     }
 
     /// The signal at `path`; described like this, when nobody has described it before. `None` when there are too many.
-    pub(crate) fn keep(
+    pub(crate) fn register(
         &mut self,
         path: &str,
         components: &[&str],
@@ -80,20 +80,20 @@ mod tests {
 
     #[test]
     fn a_signal_is_kept_once_and_as_first_described() {
-        let mut catalogue = Catalogue::default();
-        let first = catalogue.keep("a/b", &["x"], &["m"], "first").unwrap();
-        let again = catalogue.keep("a/b", &[], &[], "second").unwrap();
+        let mut registry = SignalRegistry::default();
+        let first = registry.register("a/b", &["x"], &["m"], "first").unwrap();
+        let again = registry.register("a/b", &[], &[], "second").unwrap();
         assert!(std::ptr::eq(first, again) && first.components == ["x"] && first.unit(0) == "m");
-        assert!(std::ptr::eq(catalogue.label("on").unwrap(), catalogue.label("on").unwrap()));
+        assert!(std::ptr::eq(registry.label("on").unwrap(), registry.label("on").unwrap()));
     }
 
     #[test]
     fn whoever_makes_names_up_fills_no_memory() {
-        let mut catalogue = Catalogue::default();
+        let mut registry = SignalRegistry::default();
         for i in 0..ROOM {
-            assert!(catalogue.keep(&i.to_string(), &[], &[], "").is_some());
+            assert!(registry.register(&i.to_string(), &[], &[], "").is_some());
         }
-        assert!(catalogue.keep("one more", &[], &[], "").is_none());
-        assert!(catalogue.keep("0", &[], &[], "").is_some(), "what is known stays known");
+        assert!(registry.register("one more", &[], &[], "").is_none());
+        assert!(registry.register("0", &[], &[], "").is_some(), "what is known stays known");
     }
 }

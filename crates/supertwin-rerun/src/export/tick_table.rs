@@ -4,7 +4,7 @@ use crate::Recording;
 use supertwin_core::source::{Columns, Label};
 
 /// What is exported, and all ticks at which any of it was recorded.
-pub(super) struct Walk<'a> {
+pub(super) struct TickTable<'a> {
     /// Numbers: path and columns.
     pub(super) signals: Vec<(&'a str, &'a Columns)>,
     /// Labels: path and changes.
@@ -13,7 +13,7 @@ pub(super) struct Walk<'a> {
     pub(super) moments: Vec<(i64, i64)>,
 }
 
-impl<'a> Walk<'a> {
+impl<'a> TickTable<'a> {
     pub(super) fn new(recording: &'a Recording) -> Self {
         let signals = recording.signals.iter().filter(|(_, columns)| columns.width > 0 && !columns.tick.is_empty());
         let signals: Vec<_> = signals.map(|(path, columns)| (path.as_str(), columns)).collect();
@@ -159,7 +159,7 @@ mod tests {
         recording.signals.insert("a".to_owned(), columns(&[0, 2, 4, 4], &[], 1));
         recording.signals.insert("b".to_owned(), columns(&[2, 4], &[], 1));
         recording.signals.insert("c".to_owned(), columns(&[-1, 3, 9], &[], 1));
-        let ticks: Vec<i64> = Walk::new(&recording).moments.iter().map(|moment| moment.0).collect();
+        let ticks: Vec<i64> = TickTable::new(&recording).moments.iter().map(|moment| moment.0).collect();
         assert_eq!(ticks, [-1, 0, 2, 3, 4, 9]);
     }
 

@@ -40,7 +40,7 @@ pub(super) struct Member {
 
 /// Runs that only differ in their seeds.
 #[derive(Debug)]
-pub(super) struct Group {
+pub(super) struct RunGroup {
     pub(super) name: String,
     pub(super) facts: Facts,
     pub(super) runs: Vec<Member>,
@@ -83,7 +83,7 @@ impl Facts {
     }
 
     /// Tells equal runs of different places apart.
-    pub(super) fn place(&self) -> String {
+    pub(super) fn provenance(&self) -> String {
         format!("{} {} {}", self.placement, self.version, self.git_commit)
     }
 
@@ -113,7 +113,7 @@ fn without_descriptions(table: &mut Table) {
 }
 
 /// Gives every group a name of its own: trial and controller, with what differs where that is not enough.
-pub(super) fn name(groups: &mut [Group], each: bool) {
+pub(super) fn name(groups: &mut [RunGroup], each: bool) {
     for i in 0..groups.len() {
         let mut name = if each {
             groups[i].runs.first().map_or_else(String::new, |run| run.name.clone())
@@ -173,14 +173,14 @@ fn compare_values(path: &str, baseline: Option<&Value>, here: Option<&Value>, ch
             }
         }
         (before, after) => {
-            let [baseline, here] = [before, after].map(|value| value.map(said));
+            let [baseline, here] = [before, after].map(|value| value.map(short_text));
             changes.push(Change { path: path.to_owned(), baseline, here });
         }
     }
 }
 
 /// A value in a few characters.
-fn said(value: &Value) -> String {
+fn short_text(value: &Value) -> String {
     match value {
         Value::Table(table) => {
             let n = leaves(table);
@@ -249,7 +249,7 @@ mod tests {
 
     #[test]
     fn groups_of_one_trial_are_named_by_what_differs() {
-        let group = |config: &str| Group { name: String::new(), facts: facts("pid", config), runs: Vec::new() };
+        let group = |config: &str| RunGroup { name: String::new(), facts: facts("pid", config), runs: Vec::new() };
         let mut groups = vec![
             group("[law.pid]\nkp = 1\nki = 1"),
             group("[law.pid]\nkp = 2\nki = 1"),

@@ -1,6 +1,6 @@
 //! Every metric of every group, and its difference to the baseline.
 
-use super::groups::Group;
+use super::run_group::RunGroup;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -11,11 +11,11 @@ use supertwin_lab::statistics::{Difference, Summary, mean};
 
 /// A metric of a group.
 #[derive(Debug, Serialize)]
-pub struct Row {
+pub struct MetricComparison {
     /// The metric with its title for people.
     #[serde(skip)]
     pub definition: &'static Metric,
-    /// Its name.
+    /// Machine name of the metric.
     pub metric: String,
     /// Its unit, `1` for none.
     pub unit: &'static str,
@@ -30,16 +30,16 @@ pub struct Row {
 }
 
 /// One list of rows per group, in the order of the metrics; the first group is the baseline.
-pub(super) fn rows(groups: &[Group], shown: &Selection) -> Vec<Vec<Row>> {
+pub(super) fn rows(groups: &[RunGroup], shown: &Selection) -> Vec<Vec<MetricComparison>> {
     let metrics: Vec<&'static Metric> = shown.metrics().collect();
     let jobs: Vec<(usize, &'static Metric)> =
         (0..groups.len()).flat_map(|group| metrics.iter().map(move |metric| (group, *metric))).collect();
-    let rows: Vec<Row> = jobs.par_iter().map(|(group, metric)| row(groups, *group, metric)).collect();
+    let rows: Vec<MetricComparison> = jobs.par_iter().map(|(group, metric)| row(groups, *group, metric)).collect();
     let mut rows = rows.into_iter();
     groups.iter().map(|_| rows.by_ref().take(metrics.len()).collect()).collect()
 }
 
-fn row(groups: &[Group], number: usize, metric: &'static Metric) -> Row {
+fn row(groups: &[RunGroup], number: usize, metric: &'static Metric) -> MetricComparison {
     let group = &groups[number];
     let values = group.runs.iter().filter_map(|run| run.values.get(&metric.name)).copied();
     let paper = group.facts.paper().and_then(|column| {
@@ -47,7 +47,7 @@ fn row(groups: &[Group], number: usize, metric: &'static Metric) -> Row {
         let at = QUANTITIES.iter().position(|known| known.score == quantity)?;
         Some(table_iv(column)[at])
     });
-    let mut row = Row {
+    let mut row = MetricComparison {
         definition: metric,
         metric: metric.name.clone(),
         unit: metric.unit,
@@ -73,7 +73,7 @@ fn row(groups: &[Group], number: usize, metric: &'static Metric) -> Row {
 }
 
 /// Mean of the runs of each seed; several runs of one seed are not the same in real time.
-fn by_seed(group: &Group, metric: &str) -> BTreeMap<u64, f64> {
+fn by_seed(group: &RunGroup, metric: &str) -> BTreeMap<u64, f64> {
     let mut values = BTreeMap::<u64, Vec<f64>>::new();
     for run in &group.runs {
         if let Some(value) = run.values.get(metric) {

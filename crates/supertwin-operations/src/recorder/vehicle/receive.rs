@@ -1,7 +1,7 @@
 //! What a vehicle says, message by message: read, counted, and put where it waits for its tick.
 
-use super::super::laps::{Entered, Part};
-use super::{ASK, Kept, ROOM, Run, Vehicle, WIRES};
+use super::super::lap_assembler::{Entered, ServiceTelemetry};
+use super::{ASK, ROOM, Run, Vehicle, WIRES, WireMessage};
 use std::time::Duration;
 use supertwin_core::run::Properties;
 use supertwin_core::{Event, EventKind, Severity};
@@ -38,9 +38,9 @@ impl Vehicle {
     }
 
     fn refuse(&mut self, message: &str, why: &impl std::fmt::Display, now: Duration) {
-        self.account.refused += 1;
+        self.monitor.refused += 1;
         let what = EventKind::MessageRefused { message: message.to_owned(), reason: why.to_string(), so_far: None };
-        if self.account.may_complain(&what.to_string(), now) {
+        if self.monitor.may_complain(&what.to_string(), now) {
             self.tell(Severity::Warning, what);
         }
     }
@@ -52,7 +52,7 @@ impl Vehicle {
         }
         if self.run.as_ref().is_some_and(|run| run.id != id) {
             // What a run that is over still has to say must not end the present one: only a younger run does.
-            let silent = now.saturating_sub(self.account.heard_at) > 2 * ASK;
+            let silent = now.saturating_sub(self.monitor.heard_at) > 2 * ASK;
             if !silent && self.run.as_ref().is_some_and(|run| tick >= run.last.k) {
                 return None;
             }
@@ -72,17 +72,17 @@ impl Vehicle {
         let (tick, id) = (envelope.tick, envelope.run.clone().into_owned());
         let dt_s = if tick > 0 { envelope.sim_time_s / tick as f64 } else { 0.0 };
         let (source, seq, telemetry) = (envelope.source.into_owned(), envelope.seq, envelope.data);
-        let part = Part { source, seq, digest, clocks, telemetry, thinned: false };
+        let part = ServiceTelemetry { source, seq, digest, clocks, telemetry, thinned: false };
         let Some(run) = self.run_of(&id, tick, now) else { return };
         if run.dt_s == 0.0 {
             run.dt_s = dt_s;
         }
-        let newest = run.laps.is_newest(tick);
-        let entered = run.laps.enter(service, tick, part, now);
+        let newest = run.assembler.is_newest(tick);
+        let entered = run.assembler.enter(service, tick, part, now);
         if service == 0 && newest && entered == Entered::Taken {
-            self.account.sender(clocks);
+            self.monitor.sender(clocks);
         }
-        self.account.heard_at = now;
+        self.monitor.heard_at = now;
         if let Entered::Gap(wanted) = entered {
             self.recall(service, wanted, inbox);
         }
@@ -96,7 +96,7 @@ impl Vehicle {
                 if self.events.len() < ROOM {
                     self.events.push((envelope.run.into_owned(), envelope.data, clocks));
                 } else {
-                    self.account.refused += 1;
+                    self.monitor.refused += 1;
                 }
             }
             Err(rejected) => self.refuse("event", &rejected, now),
@@ -109,7 +109,7 @@ impl Vehicle {
             return;
         }
         match serde_json::from_slice::<Health>(&heard.payload) {
-            Ok(health) => self.account.health(service, health),
+            Ok(health) => self.monitor.health(service, health),
             Err(error) => self.refuse(&format!("health of {service}"), &error, now),
         }
     }
@@ -127,14 +127,14 @@ impl Vehicle {
         let now = self.shared.clock.now();
         match name {
             "signals" => match serde_json::from_slice::<Vec<Description<'_>>>(&heard.payload) {
-                Ok(descriptions) => self.catalogue.learn(&descriptions),
+                Ok(descriptions) => self.registry.learn(&descriptions),
                 Err(error) => self.refuse(&format!("signals of {service}"), &error, now),
             },
             "run" => match serde_json::from_slice::<Properties>(&heard.payload) {
                 Ok(properties) if RING.contains(&service) => {
                     let before = self.about.insert(service.to_owned(), properties.clone());
                     // A service that is started anew may have other files; those at the beginning are in the properties.
-                    let recording = self.run.as_ref().is_some_and(|run| run.keep.is_some());
+                    let recording = self.run.as_ref().is_some_and(|run| run.recording.is_some());
                     let words = serde_json::to_string(&properties).unwrap_or_default();
                     if recording && before.is_some_and(|before| before != properties) && self.states.len() < ROOM {
                         let clocks = self.clocks(self.shared.clock.unix_ns(), heard.at);
@@ -147,9 +147,9 @@ impl Vehicle {
             _ => {
                 if let Ok(words) = String::from_utf8(heard.payload.clone()) {
                     let path = format!("state/{service}/{name}");
-                    let known = self.account.states.get(&path) == Some(&words);
-                    if !known && self.states.len() < ROOM && self.account.states.len() < STATES {
-                        self.account.states.insert(path.clone(), words.clone());
+                    let known = self.monitor.states.get(&path) == Some(&words);
+                    if !known && self.states.len() < ROOM && self.monitor.states.len() < STATES {
+                        self.monitor.states.insert(path.clone(), words.clone());
                         self.states.push((path, self.clocks(self.shared.clock.unix_ns(), heard.at), words));
                     }
                 }
@@ -168,7 +168,7 @@ impl Vehicle {
         };
         let Some(active) = &mut self.run else {
             if self.wires.len() < ROOM {
-                self.wires.push(Kept { key: key.to_owned(), run, tick, clocks, bytes: heard.payload.clone() });
+                self.wires.push(WireMessage { key: key.to_owned(), run, tick, clocks, bytes: heard.payload.clone() });
             }
             return;
         };
@@ -184,7 +184,7 @@ impl Vehicle {
                 *last = seq;
                 if gap > 0 {
                     *active.wire_missing.entry(key.to_owned()).or_default() += gap;
-                    if self.account.may_complain(&format!("gap in {key}"), now) {
+                    if self.monitor.may_complain(&format!("gap in {key}"), now) {
                         let key = key.to_owned();
                         let gap = EventKind::NotRecorded { key, messages: gap, after_tick: None, before_tick: tick };
                         self.tell(Severity::Warning, gap);
@@ -195,6 +195,6 @@ impl Vehicle {
                 active.wire_seen.insert(key.to_owned(), (source, seq));
             }
         }
-        self.wires.push(Kept { key: key.to_owned(), run, tick, clocks, bytes: heard.payload.clone() });
+        self.wires.push(WireMessage { key: key.to_owned(), run, tick, clocks, bytes: heard.payload.clone() });
     }
 }

@@ -11,7 +11,7 @@ use toml::Value;
 /// What became of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Verdict {
+pub enum RunVerdict {
     /// It came to its end, and no limits were given.
     Complete,
     /// It keeps all limits.
@@ -22,7 +22,7 @@ pub enum Verdict {
     Invalid,
 }
 
-impl Verdict {
+impl RunVerdict {
     /// All of them.
     pub const ALL: [Self; 4] = [Self::Complete, Self::Pass, Self::Fail, Self::Invalid];
 
@@ -47,13 +47,13 @@ impl Verdict {
 /// A finished run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Row {
+pub struct RunRow {
     /// Its place in the plan.
     pub run: usize,
     /// Its name there.
     pub id: String,
     /// What became of it.
-    pub verdict: Verdict,
+    pub verdict: RunVerdict,
     /// Why it is invalid, or which limits it breaks.
     pub error: Option<String>,
     /// State hash of a complete run.
@@ -70,7 +70,7 @@ pub struct Row {
     pub scores: BTreeMap<String, f64>,
 }
 
-impl Row {
+impl RunRow {
     /// Of a run that came to its end.
     pub(crate) fn complete(run: usize, id: &str, outcome: &RunOutcome) -> Self {
         let number = |(name, value): (String, Property)| match value {
@@ -80,7 +80,7 @@ impl Row {
         Self {
             run,
             id: id.to_owned(),
-            verdict: Verdict::Complete,
+            verdict: RunVerdict::Complete,
             error: None,
             hash: Some(outcome.digest.to_string()),
             ticks: outcome.ticks,
@@ -100,7 +100,7 @@ impl Row {
         Self {
             run,
             id: id.to_owned(),
-            verdict: Verdict::Invalid,
+            verdict: RunVerdict::Invalid,
             error: Some(error.to_string()),
             hash: None,
             ticks,
@@ -144,8 +144,8 @@ pub(crate) fn taken(sweep: &Sweep) -> Option<&str> {
 }
 
 /// The table of these rows, in the order of the plan.
-pub(crate) fn table(sweep: &Sweep, plan: &Plan, rows: &[Row]) -> Result<Table, TableError> {
-    let mut rows: Vec<&Row> = rows.iter().collect();
+pub(crate) fn table(sweep: &Sweep, plan: &Plan, rows: &[RunRow]) -> Result<Table, TableError> {
+    let mut rows: Vec<&RunRow> = rows.iter().collect();
     rows.sort_by_key(|row| row.run);
     let planned: Vec<_> = rows.iter().map(|row| &plan.runs[row.run]).collect();
     let of: Vec<_> = planned.iter().map(|run| &plan.configurations[run.configuration]).collect();
@@ -168,7 +168,7 @@ pub(crate) fn table(sweep: &Sweep, plan: &Plan, rows: &[Row]) -> Result<Table, T
         } else if parameter.values.iter().all(Value::is_bool) {
             Column::Flag(values.map(|value| value.and_then(Value::as_bool)).collect())
         } else {
-            Column::Text(values.map(|value| value.map(said)).collect())
+            Column::Text(values.map(|value| value.map(value_text)).collect())
         };
         table.push(&parameter.name, column)?;
     }
@@ -187,7 +187,7 @@ pub(crate) fn table(sweep: &Sweep, plan: &Plan, rows: &[Row]) -> Result<Table, T
 }
 
 /// The rows of a table that [`table`] made.
-pub(crate) fn rows(sweep: &Sweep, table: &Table) -> Result<Vec<Row>, String> {
+pub(crate) fn rows(sweep: &Sweep, table: &Table) -> Result<Vec<RunRow>, String> {
     let column = |name: &str| table.column(name).ok_or_else(|| format!("no column {name}"));
     let kind = |name: &str| format!("column {name} is of another kind");
     let counts = |name: &str| match column(name)? {
@@ -210,8 +210,8 @@ pub(crate) fn rows(sweep: &Sweep, table: &Table) -> Result<Vec<Row>, String> {
     let scores: Vec<_> = scores.collect();
     let row = |i: usize| {
         let said = verdict[i].as_deref();
-        let verdict = Verdict::ALL.into_iter().find(|one| Some(one.name()) == said);
-        Ok(Row {
+        let verdict = RunVerdict::ALL.into_iter().find(|one| Some(one.name()) == said);
+        Ok(RunRow {
             run: usize::try_from(run[i]).map_err(|_| kind("run"))?,
             id: id[i].clone().ok_or_else(|| kind("id"))?,
             verdict: verdict.ok_or_else(|| format!("verdict {said:?} is unknown"))?,
@@ -233,6 +233,6 @@ pub(crate) fn number(value: &Value) -> Option<f64> {
 }
 
 /// A parameter's value as a person writes it.
-pub(crate) fn said(value: &Value) -> String {
+pub(crate) fn value_text(value: &Value) -> String {
     value.as_str().map_or_else(|| value.to_string(), str::to_owned)
 }

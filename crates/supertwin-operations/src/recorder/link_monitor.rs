@@ -1,7 +1,7 @@
 //! The accounts of a recording: counters of the services as curves, the recorder's own, and clocks that step.
 
-use super::catalogue::Catalogue;
-use super::keep::Keep;
+use super::run_recording::RunRecording;
+use super::signal_registry::SignalRegistry;
 use std::collections::BTreeMap;
 use std::time::Duration;
 use supertwin_core::Probe as _;
@@ -23,7 +23,7 @@ const AGREE: u32 = 10;
 
 /// Counters and clocks.
 #[derive(Debug, Default)]
-pub(crate) struct Account {
+pub(crate) struct LinkMonitor {
     /// When telemetry was last heard.
     pub(crate) heard_at: Duration,
     /// Messages that were no messages, signals that changed their width, and the like.
@@ -41,7 +41,7 @@ pub(crate) struct Account {
     sender_step_s: Option<f64>,
 }
 
-impl Account {
+impl LinkMonitor {
     /// Whether `what` may be said again.
     pub(crate) fn may_complain(&mut self, what: &str, now: Duration) -> bool {
         if self.complaints.len() > 1000 {
@@ -105,21 +105,21 @@ impl Account {
     /// Shows all counters that came since the last tick, and what this recording misses beside them.
     pub(crate) fn show(
         &mut self,
-        catalogue: &mut Catalogue,
+        registry: &mut SignalRegistry,
         missing: [u64; RING.len()],
         wires: &BTreeMap<String, u64>,
         clocks: Clocks,
-        keep: &mut Keep,
+        recording: &mut RunRecording,
     ) {
         if self.healths.is_empty() {
             return;
         }
         let mut show = |path: &str, components: &[&str], unit: &str, about: &str, values: &[f64]| {
-            if let Some(signal) = catalogue.keep(path, components, &[unit], about)
+            if let Some(signal) = registry.register(path, components, &[unit], about)
                 && !values.is_empty()
                 && signal.components.len() == components.len()
             {
-                keep.vector(signal, values);
+                recording.vector(signal, values);
             }
         };
         for (service, health) in std::mem::take(&mut self.healths) {
@@ -181,36 +181,36 @@ mod tests {
     #[test]
     fn a_clock_that_is_set_is_noticed_once() {
         let wall = Wall(AtomicU64::new(5_000_000_000));
-        let mut account = Account::default();
-        assert_eq!(account.clock_step(&wall), None);
+        let mut monitor = LinkMonitor::default();
+        assert_eq!(monitor.clock_step(&wall), None);
         wall.0.store(7_500_000_000, Ordering::Relaxed);
-        assert_eq!(account.clock_step(&wall), Some(2.5));
-        assert_eq!(account.clock_step(&wall), None);
+        assert_eq!(monitor.clock_step(&wall), Some(2.5));
+        assert_eq!(monitor.clock_step(&wall), None);
     }
 
     #[test]
     fn a_backlog_is_no_clock_that_steps_and_a_clock_that_steps_is() {
-        let mut account = Account::default();
-        let mut hear = |sender_ns: i64, recorder_ns: i64| {
-            account.sender(Clocks { sender_ns, recorder_ns });
-            account.take_sender_step()
+        let mut monitor = LinkMonitor::default();
+        let mut observe = |sender_ns: i64, recorder_ns: i64| {
+            monitor.sender(Clocks { sender_ns, recorder_ns });
+            monitor.take_sender_step()
         };
         let tick = 20_000_000;
         for k in 0..50 {
-            assert_eq!(hear(k * tick, k * tick), None);
+            assert_eq!(observe(k * tick, k * tick), None);
         }
         // Five seconds of messages arrive at once.
         for k in 50..300 {
-            assert_eq!(hear(k * tick, 300 * tick), None);
+            assert_eq!(observe(k * tick, 300 * tick), None);
         }
-        let steps: Vec<f64> = (300..350).filter_map(|k| hear(k * tick - 3_000_000_000, k * tick)).collect();
+        let steps: Vec<f64> = (300..350).filter_map(|k| observe(k * tick - 3_000_000_000, k * tick)).collect();
         assert_eq!(steps, [-3.0]);
     }
 
     #[test]
     fn complaints_of_one_kind_come_once_a_second() {
-        let mut account = Account::default();
-        let said: Vec<u64> = (0..3000).filter(|ms| account.may_complain("gap", Duration::from_millis(*ms))).collect();
+        let mut monitor = LinkMonitor::default();
+        let said: Vec<u64> = (0..3000).filter(|ms| monitor.may_complain("gap", Duration::from_millis(*ms))).collect();
         assert_eq!(said, [0, 1000, 2000]);
     }
 }

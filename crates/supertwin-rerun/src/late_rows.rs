@@ -9,7 +9,7 @@ use supertwin_core::{Signal, Tick};
 
 /// What came too late, signal by signal.
 #[derive(Default)]
-pub(crate) struct Belated {
+pub(crate) struct LateRows {
     /// Where what is shown belongs to, while it is not the present tick.
     pub(crate) at: Option<(Tick, Clocks)>,
     numbers: BTreeMap<&'static str, Late<f64>>,
@@ -41,7 +41,7 @@ impl<T> Late<T> {
     }
 }
 
-impl Belated {
+impl LateRows {
     /// A row of numbers; false when it has another width than those before.
     pub(crate) fn numbers(&mut self, signal: &'static Signal, values: &[f64]) -> bool {
         let Some((tick, clocks)) = self.at else { return true };

@@ -19,7 +19,7 @@ const ROOM: usize = 3000;
 
 /// One service at one tick.
 #[derive(Clone, Debug)]
-pub(crate) struct Part {
+pub(crate) struct ServiceTelemetry {
     /// Who said it, and its number.
     pub(crate) source: String,
     pub(crate) seq: u64,
@@ -30,11 +30,11 @@ pub(crate) struct Part {
     pub(crate) thinned: bool,
 }
 
-/// One tick.
+/// Telemetry of one tick; `None` for services that were not heard at it.
 #[derive(Debug)]
 pub(crate) struct Lap {
     pub(crate) tick: u64,
-    pub(crate) parts: [Option<Part>; RING.len()],
+    pub(crate) parts: [Option<ServiceTelemetry>; RING.len()],
     heard_at: Duration,
 }
 
@@ -75,7 +75,7 @@ impl Line {
 
 /// Ticks on their way into the recording.
 #[derive(Debug, Default)]
-pub(crate) struct Laps {
+pub(crate) struct LapAssembler {
     waiting: BTreeMap<u64, Lap>,
     /// The next tick to be written, once one has been.
     next: Option<u64>,
@@ -92,13 +92,13 @@ pub(crate) struct Laps {
     pub(crate) late: u64,
     written: [Option<(String, u64)>; RING.len()],
     /// What came after its tick had been written, by number, while those before it may still come.
-    late_waiting: [BTreeMap<u64, (u64, Part)>; RING.len()],
-    belated: Vec<(usize, u64, Part)>,
+    late_waiting: [BTreeMap<u64, (u64, ServiceTelemetry)>; RING.len()],
+    late_telemetry: Vec<(usize, u64, ServiceTelemetry)>,
 }
 
-impl Laps {
+impl LapAssembler {
     /// A message of service number `service`.
-    pub(crate) fn enter(&mut self, service: usize, tick: u64, mut part: Part, now: Duration) -> Entered {
+    pub(crate) fn enter(&mut self, service: usize, tick: u64, mut part: ServiceTelemetry, now: Duration) -> Entered {
         if self.next.is_some_and(|next| tick < next) {
             // Others than the last writer are history.
             let new = |(source, seq): &(String, u64)| *source == part.source && part.seq > *seq;
@@ -160,16 +160,16 @@ impl Laps {
             let (seq, (tick, part)) = entry.remove_entry();
             self.missing[service] += seq.saturating_sub(next);
             self.written[service] = Some((part.source.clone(), seq));
-            self.belated.push((service, tick, part));
+            self.late_telemetry.push((service, tick, part));
         }
     }
 
     /// What came after its tick had been written: service, tick and what it was, in order of each service.
-    pub(crate) fn take_belated(&mut self, now: Duration, flush: bool) -> Vec<(usize, u64, Part)> {
+    pub(crate) fn take_late(&mut self, now: Duration, flush: bool) -> Vec<(usize, u64, ServiceTelemetry)> {
         if flush || now >= self.hold_until {
             (0..RING.len()).for_each(|service| self.settle(service, Some(u64::MAX)));
         }
-        std::mem::take(&mut self.belated)
+        std::mem::take(&mut self.late_telemetry)
     }
 
     /// The next lap that is ready to be written: complete, or not to be waited for any longer; all of them, if `flush`.
@@ -253,97 +253,110 @@ impl Laps {
 mod tests {
     use super::*;
 
-    fn part(seq: u64) -> Part {
+    fn part(seq: u64) -> ServiceTelemetry {
         let telemetry = Telemetry::default();
-        Part { source: "a".to_owned(), seq, digest: None, clocks: Clocks::default(), telemetry, thinned: false }
+        ServiceTelemetry {
+            source: "a".to_owned(),
+            seq,
+            digest: None,
+            clocks: Clocks::default(),
+            telemetry,
+            thinned: false,
+        }
     }
 
     fn ms(ms: u64) -> Duration {
         Duration::from_millis(ms)
     }
 
-    fn ticks(laps: &mut Laps, now: Duration) -> Vec<u64> {
-        std::iter::from_fn(|| laps.pop(now, false, false)).map(|lap| lap.tick).collect()
+    fn ticks(assembler: &mut LapAssembler, now: Duration) -> Vec<u64> {
+        std::iter::from_fn(|| assembler.pop(now, false, false)).map(|lap| lap.tick).collect()
     }
 
-    fn lap(laps: &mut Laps, tick: u64, now: Duration) -> Vec<Entered> {
-        (0..4).map(|service| laps.enter(service, tick, part(tick + 1), now)).collect()
+    fn lap(assembler: &mut LapAssembler, tick: u64, now: Duration) -> Vec<Entered> {
+        (0..4).map(|service| assembler.enter(service, tick, part(tick + 1), now)).collect()
     }
 
     #[test]
     fn complete_laps_are_written_at_once_and_in_order() {
-        let mut laps = Laps::default();
+        let mut assembler = LapAssembler::default();
         for tick in [0, 1] {
-            assert_eq!(lap(&mut laps, tick, ms(0)), [Entered::Taken; 4]);
+            assert_eq!(lap(&mut assembler, tick, ms(0)), [Entered::Taken; 4]);
         }
-        assert_eq!(ticks(&mut laps, ms(0)), [0, 1]);
-        laps.enter(0, 2, part(3), ms(20));
-        assert_eq!(ticks(&mut laps, ms(900)), [0_u64; 0], "waits for the others");
-        laps.enter(0, 3, part(4), ms(910));
-        assert_eq!(ticks(&mut laps, ms(910)), [2], "not when newer ones come");
-        assert_eq!(laps.enter(1, 2, part(3), ms(920)), Entered::Late);
-        assert_eq!(laps.enter(0, 2, part(3), ms(920)), Entered::Known);
-        let belated: Vec<(usize, u64)> =
-            laps.take_belated(ms(920), false).iter().map(|(service, tick, _)| (*service, *tick)).collect();
-        assert_eq!((laps.late, belated), (1, vec![(1, 2)]));
+        assert_eq!(ticks(&mut assembler, ms(0)), [0, 1]);
+        assembler.enter(0, 2, part(3), ms(20));
+        assert_eq!(ticks(&mut assembler, ms(900)), [0_u64; 0], "waits for the others");
+        assembler.enter(0, 3, part(4), ms(910));
+        assert_eq!(ticks(&mut assembler, ms(910)), [2], "not when newer ones come");
+        assert_eq!(assembler.enter(1, 2, part(3), ms(920)), Entered::Late);
+        assert_eq!(assembler.enter(0, 2, part(3), ms(920)), Entered::Known);
+        let late_telemetry: Vec<(usize, u64)> =
+            assembler.take_late(ms(920), false).iter().map(|(service, tick, _)| (*service, *tick)).collect();
+        assert_eq!((assembler.late, late_telemetry), (1, vec![(1, 2)]));
     }
 
     #[test]
     fn after_an_outage_newer_ticks_wait_for_what_is_asked_for_again() {
-        let mut laps = Laps::default();
-        lap(&mut laps, 0, ms(0));
-        assert_eq!(ticks(&mut laps, ms(0)), [0]);
-        assert_eq!(lap(&mut laps, 5, ms(5000)), [Entered::Gap(4 + BESIDE); 4]);
-        assert_eq!(ticks(&mut laps, ms(5400)), [0_u64; 0], "five waits for one to four");
+        let mut assembler = LapAssembler::default();
+        lap(&mut assembler, 0, ms(0));
+        assert_eq!(ticks(&mut assembler, ms(0)), [0]);
+        assert_eq!(lap(&mut assembler, 5, ms(5000)), [Entered::Gap(4 + BESIDE); 4]);
+        assert_eq!(ticks(&mut assembler, ms(5400)), [0_u64; 0], "five waits for one to four");
         for tick in 2..5 {
-            lap(&mut laps, tick, ms(5410));
+            lap(&mut assembler, tick, ms(5410));
         }
-        assert_eq!(ticks(&mut laps, ms(5410)), [0_u64; 0], "one may still come");
-        assert_eq!(ticks(&mut laps, ms(5800)), [2, 3, 4, 5]);
-        assert_eq!(laps.missing, [1; 4]);
+        assert_eq!(ticks(&mut assembler, ms(5410)), [0_u64; 0], "one may still come");
+        assert_eq!(ticks(&mut assembler, ms(5800)), [2, 3, 4, 5]);
+        assert_eq!(assembler.missing, [1; 4]);
     }
 
     #[test]
     fn what_a_cut_link_brings_too_late_is_put_in_order_and_only_what_never_comes_is_missing() {
-        let mut laps = Laps::default();
-        lap(&mut laps, 0, ms(0));
-        assert_eq!(ticks(&mut laps, ms(0)), [0]);
+        let mut assembler = LapAssembler::default();
+        lap(&mut assembler, 0, ms(0));
+        assert_eq!(ticks(&mut assembler, ms(0)), [0]);
         // Three speak, the fourth does not.
         for tick in 1..=50 {
             for service in 0..3 {
-                assert_eq!(laps.enter(service, tick, part(tick + 1), ms(20 * tick)), Entered::Taken);
+                assert_eq!(assembler.enter(service, tick, part(tick + 1), ms(20 * tick)), Entered::Taken);
             }
         }
-        let written = ticks(&mut laps, ms(2000));
+        let written = ticks(&mut assembler, ms(2000));
         assert_eq!(written.len(), 49, "{written:?}");
         // The first that comes again is late itself: those before it are asked for.
-        assert!(matches!(laps.enter(3, 49, part(50), ms(2010)), Entered::Gap(_)));
-        assert!(laps.take_belated(ms(2010), false).is_empty(), "those before it may come");
+        assert!(matches!(assembler.enter(3, 49, part(50), ms(2010)), Entered::Gap(_)));
+        assert!(assembler.take_late(ms(2010), false).is_empty(), "those before it may come");
         for seq in (4..50).chain([20, 50]) {
-            laps.enter(3, seq - 1, part(seq), ms(2020));
+            assembler.enter(3, seq - 1, part(seq), ms(2020));
         }
-        assert!(laps.take_belated(ms(2100), false).is_empty(), "two and three may still come");
-        let late: Vec<u64> = laps.take_belated(ms(2800), false).iter().map(|(_, _, part)| part.seq).collect();
+        assert!(assembler.take_late(ms(2100), false).is_empty(), "two and three may still come");
+        let late: Vec<u64> = assembler.take_late(ms(2800), false).iter().map(|(_, _, part)| part.seq).collect();
         assert_eq!(late, (4..=50).collect::<Vec<_>>());
-        assert_eq!(laps.missing, [0, 0, 0, 2]);
+        assert_eq!(assembler.missing, [0, 0, 0, 2]);
     }
 
     #[test]
     fn telemetry_that_is_thinned_out_on_its_way_is_not_asked_for() {
-        let mut laps = Laps::default();
-        let entered: Vec<Entered> = (1..=20).flat_map(|i| lap(&mut laps, 10 * i + i % 2, ms(200 * i))).collect();
+        let mut assembler = LapAssembler::default();
+        let entered: Vec<Entered> = (1..=20).flat_map(|i| lap(&mut assembler, 10 * i + i % 2, ms(200 * i))).collect();
         let asked = entered.iter().filter(|entered| matches!(entered, Entered::Gap(_))).count();
         assert_eq!(asked, 8, "at the beginning, and once more to learn that it is always so");
-        while laps.pop(ms(100_000), false, true).is_some() {}
-        assert_eq!((laps.missing[0], laps.thinned[0] > 150), (8, true), "{:?} {:?}", laps.missing, laps.thinned);
+        while assembler.pop(ms(100_000), false, true).is_some() {}
+        assert_eq!(
+            (assembler.missing[0], assembler.thinned[0] > 150),
+            (8, true),
+            "{:?} {:?}",
+            assembler.missing,
+            assembler.thinned
+        );
     }
 
     #[test]
     fn in_lock_step_nothing_is_left_out() {
-        let mut laps = Laps::default();
-        lap(&mut laps, 0, ms(0));
-        lap(&mut laps, 2, ms(0));
-        let mut pop = |now| laps.pop(now, true, false).map(|lap| lap.tick);
+        let mut assembler = LapAssembler::default();
+        lap(&mut assembler, 0, ms(0));
+        lap(&mut assembler, 2, ms(0));
+        let mut pop = |now| assembler.pop(now, true, false).map(|lap| lap.tick);
         assert_eq!(pop(ms(0)), Some(0));
         assert_eq!(pop(ms(100_000)), None, "one is missing, however long it takes");
     }

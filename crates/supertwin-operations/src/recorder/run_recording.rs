@@ -46,7 +46,7 @@ pub(crate) enum News {
 }
 
 /// A run on its way to disk.
-pub(crate) struct Keep {
+pub(crate) struct RunRecording {
     header: RunHeader,
     folder: Option<PathBuf>,
     rotation: Rotation,
@@ -74,7 +74,7 @@ enum File {
     None,
 }
 
-impl Keep {
+impl RunRecording {
     /// Begins the first part in `folder`, if there is one, and the live view, if there is one.
     pub(crate) fn begin(
         header: RunHeader,
@@ -88,7 +88,7 @@ impl Keep {
             // A view that can't begin is no reason not to record.
             sink.begin(&header).is_ok().then_some(sink)
         });
-        let mut keep = Self {
+        let mut recording = Self {
             header,
             file: if folder.is_some() { File::Broken { until: now } } else { File::None },
             folder,
@@ -100,8 +100,8 @@ impl Keep {
             news: Vec::new(),
             compacting: Vec::new(),
         };
-        keep.mend(now);
-        keep
+        recording.mend(now);
+        recording
     }
 
     /// Name of part `n` of a run.
@@ -164,11 +164,11 @@ impl Keep {
     }
 
     /// Everything that is heard from here on belongs to `tick`, which has been written already.
-    pub(crate) fn belated(&mut self, tick: Tick, clocks: Clocks) {
-        self.each(|sink| sink.belated(tick, clocks));
+    pub(crate) fn late_tick(&mut self, tick: Tick, clocks: Clocks) {
+        self.each(|sink| sink.late_tick(tick, clocks));
     }
 
-    /// Something happened.
+    /// Writes an event at its own tick.
     pub(crate) fn event(&mut self, event: &Event, clocks: Clocks) {
         self.each(|sink| {
             // What goes wrong here is heard again at the next tick.
@@ -254,7 +254,7 @@ impl Keep {
     }
 }
 
-impl Probe for Keep {
+impl Probe for RunRecording {
     fn vector(&mut self, signal: &'static Signal, values: &[f64]) {
         self.each(|sink| sink.vector(signal, values));
     }
@@ -274,23 +274,24 @@ mod tests {
     fn what_is_older_than_half_a_second_of_the_recorders_clock_is_in_the_file() {
         let folder = tempfile::tempdir().expect("a folder");
         let header = RunHeader { name: "run".to_owned(), ..RunHeader::default() };
-        let mut keep = Keep::begin(header, Some(folder.path().to_owned()), None, Rotation::default(), Duration::ZERO);
+        let mut recording =
+            RunRecording::begin(header, Some(folder.path().to_owned()), None, Rotation::default(), Duration::ZERO);
         // The processor is taken away from it between any two ticks, for longer and longer.
         let mut now = Duration::ZERO;
         let mut written: Vec<(Duration, i64)> = Vec::new();
         for k in 0..40 {
-            keep.tick(Tick { k, dt_s: 0.02 }, Clocks::default(), now);
-            keep.vector(&DEPTH, &[1.0]);
+            recording.tick(Tick { k, dt_s: 0.02 }, Clocks::default(), now);
+            recording.vector(&DEPTH, &[1.0]);
             written.push((now, k.cast_signed()));
-            keep.poll(now);
+            recording.poll(now);
             let file = folder.path().join("run.rrd");
-            let kept = read(&file).expect("is read").last_tick();
+            let message = read(&file).expect("is read").last_tick();
             let old = written.iter().rev().find(|(at, _)| now - *at > FLUSH).map(|(_, tick)| *tick);
-            assert!(kept >= old, "at {now:?}: {kept:?} is in the file, {old:?} is old enough");
+            assert!(message >= old, "at {now:?}: {message:?} is in the file, {old:?} is old enough");
             now += Duration::from_millis(20 * k);
         }
-        keep.tick(Tick { k: 40, dt_s: 0.02 }, Clocks::default(), now);
-        keep.save(now);
+        recording.tick(Tick { k: 40, dt_s: 0.02 }, Clocks::default(), now);
+        recording.save(now);
         assert_eq!(read(&folder.path().join("run.rrd")).expect("is read").last_tick(), Some(40), "at once");
     }
 }

@@ -9,7 +9,7 @@ use supertwin_core::Tick;
 
 /// What came at one path since the last batch.
 #[derive(Default)]
-pub(crate) struct Notes {
+pub(crate) struct TextAndByteRows {
     texts: Rows<String>,
     blobs: Rows<Vec<u8>>,
 }
@@ -42,7 +42,7 @@ impl<T> Rows<T> {
     }
 }
 
-impl Notes {
+impl TextAndByteRows {
     pub(crate) fn add_text(&mut self, tick: Tick, clocks: Clocks, words: String) {
         self.texts.add(tick, clocks, words);
     }
