@@ -264,6 +264,58 @@ fn every_file_of_tests_is_part_of_a_program() {
     }
 }
 
+/// Whether a comment says no more than that there is something: a single word, or a phrase that fits anything.
+fn says_nothing(comment: &str) -> bool {
+    const PHRASES: [&str; 16] = [
+        "this one",
+        "the value",
+        "the number",
+        "the file",
+        "the run",
+        "its name",
+        "does it",
+        "writes it",
+        "finds them",
+        "how many",
+        "how often",
+        "from where",
+        "as given",
+        "as recorded",
+        "it is",
+        "time zero",
+    ];
+    let text = comment.trim_end_matches('.').to_lowercase();
+    // A symbol stands for the equation above it, and a link for what is there.
+    !comment.starts_with(['`', '[']) && (!text.contains(' ') || PHRASES.contains(&text.as_str()))
+}
+
+#[test]
+fn comments_of_items_say_something() {
+    assert!(["Which.", "Does it.", "This one."].iter().all(|comment| says_nothing(comment)));
+    assert!(["`β`.", "Pressure sensor.", "Ticks that were lost."].iter().all(|comment| !says_nothing(comment)));
+    // Their turn comes.
+    const NOT_YET: [&str; 3] = ["supertwin-protocol/", "supertwin-pki/", "supertwin-zenoh/"];
+    let mut read = 0;
+    for path in sources(&root().join("crates")) {
+        let name = path.display().to_string();
+        if !name.contains("/src/") || NOT_YET.iter().any(|folder| name.contains(folder)) {
+            continue;
+        }
+        let text = fs::read_to_string(&path).unwrap();
+        let comment = |line: &str| line.trim_start().strip_prefix("/// ").map(str::to_owned);
+        let lines: Vec<Option<String>> = text.lines().map(comment).collect();
+        for (i, line) in lines.iter().enumerate() {
+            // The last line of a longer comment may be short.
+            let alone = i == 0 || lines[i - 1].is_none();
+            let ends = lines.get(i + 1).is_none_or(Option::is_none);
+            let empty = line.as_ref().is_some_and(|line| alone && ends && says_nothing(line));
+            assert!(!empty, "{name}:{}: say which, in what unit, by which rule: {line:?}", i + 1);
+        }
+        read += 1;
+    }
+    assert!(read > 130, "only {read} files were read");
+}
+
 #[test]
 fn every_test_can_fail() {
     let mut tests = 0;

@@ -25,7 +25,7 @@ macro_rules! checked {
         pub struct $name(f64);
 
         impl $name {
-            /// The number.
+            /// The number, which has passed the check.
             #[must_use]
             pub fn get(self) -> f64 { self.0 }
         }
@@ -84,9 +84,9 @@ pub struct Interval {
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error("[{low}, {high}]: must be finite, and the first less than the second")]
 pub struct NotOrdered {
-    /// As given.
+    /// Lower end, as given.
     pub low: f64,
-    /// As given.
+    /// Upper end, as given.
     pub high: f64,
 }
 

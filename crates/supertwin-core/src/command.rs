@@ -159,7 +159,7 @@ pub enum Setpoint {
     Sine {
         /// Mean value.
         mean: f64,
-        /// Amplitude.
+        /// Amplitude, in the unit of the set-point.
         amplitude: f64,
         /// Period in seconds.
         period_s: f64,

@@ -15,7 +15,7 @@ mod tests;
 #[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(from = "EventWithText")]
 pub struct Event {
-    /// When.
+    /// Tick of the run at which it happened.
     pub tick: u64,
     /// Which service says so.
     pub service: Cow<'static, str>,
@@ -29,7 +29,7 @@ pub struct Event {
 #[derive(Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, rename = "Event")]
 struct EventWithText {
-    /// When.
+    /// Tick of the run at which it happened.
     tick: u64,
     /// Which service says so.
     service: Cow<'static, str>,
@@ -151,7 +151,7 @@ fn name_and_value(command: Value) -> [Value; 2] {
 pub enum EventKind {
     /// A state of a block changed: its mode, the reason for it, its status, or the health of something it needs.
     StateChanged {
-        /// Which.
+        /// Name of the state: mode, reason, status, or what the health is of.
         what: Cow<'static, str>,
         /// What it was; empty before the first step.
         from: Cow<'static, str>,
@@ -164,9 +164,9 @@ pub enum EventKind {
     CommandScheduled {
         /// The command.
         command: EventCommand,
-        /// When.
+        /// Tick at which it will apply.
         apply_tick: u64,
-        /// From where.
+        /// Zenoh session that the request names as its own.
         session: Option<String>,
     },
     /// A command has applied.
@@ -178,9 +178,9 @@ pub enum EventKind {
     CommandRefused {
         /// The command; without value and client when the request could not be read.
         command: EventCommand,
-        /// From where.
+        /// Zenoh session that the request names as its own.
         session: Option<String>,
-        /// Why.
+        /// Reason, as a sentence for people.
         reason: String,
         /// Refusals of the service.
         so_far: Option<u64>,
@@ -194,7 +194,7 @@ pub enum EventKind {
     },
     /// Commands that waited were given up with the run they were for.
     CommandsDiscarded {
-        /// How many.
+        /// Number of commands that waited.
         commands: u64,
     },
     /// A sample of a streaming set-point was refused.
@@ -203,25 +203,25 @@ pub enum EventKind {
         name: Cow<'static, str>,
         /// Who sent it, if it could be read.
         client: Option<String>,
-        /// Why.
+        /// Reason, as a sentence for people.
         reason: String,
         /// Refusals of the service.
         so_far: u64,
     },
     /// A client has taken the authority to command.
     LeaseTaken {
-        /// Who.
+        /// Name that the client gives itself.
         client: String,
         /// For how long.
         for_s: f64,
-        /// From where.
+        /// Zenoh session that the request names as its own.
         session: Option<String>,
     },
     /// A client has given the authority back.
     LeaseReturned {
-        /// Who.
+        /// Name that the client gives itself.
         client: String,
-        /// From where.
+        /// Zenoh session that the request names as its own.
         session: Option<String>,
     },
     /// The lease has run out without being given back.
@@ -233,16 +233,16 @@ pub enum EventKind {
     LeaseRefused {
         /// Who asked, if it could be read.
         client: Option<String>,
-        /// From where.
+        /// Zenoh session that the request names as its own.
         session: Option<String>,
-        /// Why.
+        /// Reason, as a sentence for people.
         reason: String,
         /// Refusals of the service.
         so_far: u64,
     },
     /// Who held the lease has disappeared from the network.
     OperatorVanished {
-        /// Who.
+        /// Name that the client gives itself.
         client: String,
     },
     /// Nobody is in command who should be.
@@ -254,9 +254,9 @@ pub enum EventKind {
     OperatorPresent,
     /// Messages were lost on the way.
     MessagesMissing {
-        /// Whose.
+        /// Sender whose messages are missing.
         source: String,
-        /// How many.
+        /// Number of messages that are missing.
         messages: u64,
     },
     /// What arrived was no message. A recorder does not count these in `so_far`.
@@ -293,58 +293,58 @@ pub enum EventKind {
     },
     /// The owner of time stood still for too long to catch up.
     TicksLeftOut {
-        /// How many.
+        /// Number of ticks.
         ticks: u64,
     },
     /// The owner of time was late: the ticks were simulated, and their messages not sent.
     TicksLate {
-        /// How many.
+        /// Number of ticks.
         ticks: u64,
     },
     /// A service begins another run.
     RunStarted {
-        /// Which.
+        /// Identifier of the run.
         run: String,
         /// At this tick.
         at_tick: u64,
     },
     /// The owner of time was started anew, and goes on with the run that is there.
     RunRejoined {
-        /// Which.
+        /// Identifier of the run.
         run: String,
         /// At this tick.
         at_tick: u64,
     },
     /// The run was stopped.
     RunStopped {
-        /// Why.
+        /// Reason, as a sentence for people.
         reason: String,
     },
     /// The run can't go on.
     RunFailed {
-        /// Why.
+        /// Reason, as a sentence for people.
         reason: String,
     },
     /// A file was opened for the recording.
     RecordingOpened {
-        /// Which.
+        /// Path of the file.
         path: String,
     },
     /// A file of the recording was closed.
     RecordingClosed {
-        /// Which.
+        /// Path of the file.
         path: String,
     },
     /// Nothing is recorded.
     RecordingFailed {
-        /// Why.
+        /// Reason, as a sentence for people.
         reason: String,
     },
     /// Messages are missing from the recording.
     NotRecorded {
         /// On which key.
         key: String,
-        /// How many.
+        /// Number of messages that are missing.
         messages: u64,
         /// They were sent after this tick, if it is known.
         after_tick: Option<u64>,
@@ -358,7 +358,7 @@ pub enum EventKind {
     },
     /// A clock was set.
     ClockStepped {
-        /// Whose.
+        /// Service whose clock was set.
         service: Cow<'static, str>,
         /// By how much.
         step_s: f64,
@@ -369,23 +369,23 @@ pub enum EventKind {
     ConnectionAccepted {
         /// Common name of the certificate.
         name: String,
-        /// Address.
+        /// Address that the connection comes from.
         from: String,
-        /// How often.
+        /// Number of times that this event stands for.
         times: u64,
     },
     /// Somebody was turned away by the router before a word was said.
     ConnectionRefused {
-        /// Why.
+        /// Reason, as a sentence for people.
         reason: String,
-        /// How often.
+        /// Number of times that this event stands for.
         times: u64,
     },
     /// The certificate of a session has no role here.
     SessionWithoutRole {
         /// The session.
         session: String,
-        /// How often.
+        /// Number of times that this event stands for.
         times: u64,
     },
     /// Somebody tried what he may not.
@@ -398,12 +398,12 @@ pub enum EventKind {
         action: String,
         /// On which key.
         key: String,
-        /// How often.
+        /// Number of times that this event stands for.
         times: u64,
     },
     /// More refusals of the router than are told one by one.
     MoreRefused {
-        /// How many.
+        /// Number of refusals that are not told one by one.
         refusals: u64,
     },
     /// This run is an open-loop replay of another.
@@ -432,7 +432,7 @@ pub enum EventKind {
         from_tick: u64,
         /// To this one.
         to_tick: u64,
-        /// Why.
+        /// Reason, as a sentence for people.
         reason: String,
     },
     /// Only the sentence is known, such as of a recording made before events were data.

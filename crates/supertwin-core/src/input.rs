@@ -12,7 +12,7 @@ pub enum Input<T> {
     Fresh(T),
     /// The newest there is, made at the tick `made_at`.
     Held {
-        /// The value.
+        /// Newest value that has arrived.
         value: T,
         /// The tick at which it was made.
         made_at: u64,

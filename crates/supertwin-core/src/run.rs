@@ -95,11 +95,11 @@ pub struct Limits {
 pub struct NisGates {
     /// Each component of the DVL's velocity.
     pub dvl: Option<f64>,
-    /// Depth.
+    /// The depth, from the pressure sensor.
     pub depth: Option<f64>,
-    /// Compass.
+    /// The heading, from the compass.
     pub heading: Option<f64>,
-    /// Gyro.
+    /// The yaw rate, from the gyro.
     pub yaw_rate: Option<f64>,
 }
 
@@ -109,7 +109,7 @@ pub struct NisGates {
 pub struct SinkError {
     /// The file or stream.
     pub what: String,
-    /// Why.
+    /// What the system or the library reported.
     pub cause: String,
 }
 

@@ -57,7 +57,7 @@ pub struct Label {
     pub tick: i64,
     /// At this time in nanoseconds since the start of the run.
     pub time_ns: i64,
-    /// This one.
+    /// Value from this tick on.
     pub value: String,
 }
 

@@ -48,9 +48,9 @@ pub struct EkfConfig {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct StateWise {
-    /// Depth.
+    /// The depth, a state in metres.
     pub depth: Positive,
-    /// Heading.
+    /// The heading, a state in radians.
     pub heading: Positive,
     /// Surge, sway, heave, yaw rate.
     pub velocity: [Positive; 4],

@@ -34,11 +34,11 @@ pub struct EstimatorConfig {
 pub struct MeasurementConfig {
     /// DVL velocity components.
     pub dvl: SensorTrust,
-    /// Depth.
+    /// Depth, from the pressure sensor.
     pub depth: SensorTrust,
-    /// Compass.
+    /// Heading, from the compass.
     pub compass: SensorTrust,
-    /// Gyro.
+    /// Yaw rate, from the gyro.
     pub gyro: SensorTrust,
 }
 

@@ -96,7 +96,7 @@ impl GuidanceConfig {
 /// What guidance consumes.
 #[derive(Clone, Copy, Debug)]
 pub struct GuidanceInput<'a> {
-    /// Navigation.
+    /// Estimate of the state, from the estimator.
     pub nav: Input<&'a Nav>,
     /// The operator's link.
     pub operator: OperatorLink,

@@ -15,7 +15,7 @@ pub type Forces = SVector<f64, MAX_THRUSTERS>;
 pub enum Group {
     /// Surge, sway, yaw.
     Horizontal,
-    /// Heave.
+    /// Heave alone.
     Vertical,
 }
 

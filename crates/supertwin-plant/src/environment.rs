@@ -13,9 +13,9 @@ use supertwin_core::check::{NonNegative, Positive};
 pub struct EnvironmentConfig {
     /// What it is and where its numbers come from.
     pub description: String,
-    /// Current.
+    /// Mean current and its fluctuations.
     pub current: CurrentConfig,
-    /// Waves.
+    /// Spectrum of the waves.
     pub waves: WavesConfig,
     /// The pen.
     pub cage: CageConfig,

@@ -41,7 +41,7 @@ pub struct StartConfig {
     pub bearing_rad: Draw,
     /// Distance to the net.
     pub net_distance_m: Draw,
-    /// Depth.
+    /// Depth below the surface.
     pub depth_m: Draw,
     /// Heading off the direction that faces the net.
     pub heading_offset_rad: Draw,
@@ -82,7 +82,7 @@ pub struct PlantConfig<'a> {
     pub unmodelled: &'a UnmodelledConfig,
     /// Sea and pen.
     pub environment: &'a EnvironmentConfig,
-    /// Sensors.
+    /// Parameters of all sensors.
     pub sensors: &'a SensorsConfig,
     /// Where the vehicle starts.
     pub start: &'a StartConfig,

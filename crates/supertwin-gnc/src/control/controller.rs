@@ -47,9 +47,9 @@ pub struct ControllerSetup<'a> {
 /// What the controller consumes.
 #[derive(Clone, Copy, Debug)]
 pub struct ControllerInput<'a> {
-    /// Navigation.
+    /// Estimate of the state, from the estimator.
     pub nav: Input<&'a Nav>,
-    /// Reference.
+    /// Reference trajectory, from guidance.
     pub reference: Input<&'a Reference>,
     /// What was really allocated at the tick before.
     pub applied: Prev<Input<&'a Thrust>>,

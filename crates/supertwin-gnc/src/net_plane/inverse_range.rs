@@ -12,7 +12,7 @@ use supertwin_core::frame::ssa;
 use supertwin_core::message::{DvlPing, NetEstimate};
 use supertwin_model::SonarArray;
 
-/// Parameters.
+/// Parameters of the fit of the net plane to inverse ranges.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct InverseRangeConfig {

@@ -62,7 +62,7 @@ struct SweepFile {
 struct SeedsFile {
     /// The first seed.
     start: Option<u64>,
-    /// How many.
+    /// Number of seeds, one after the other from `start`.
     count: Option<u64>,
     /// These seeds, in the place of `start` and `count`.
     list: Option<Vec<u64>>,

@@ -62,7 +62,7 @@ pub struct FishConfig {
 pub struct DvlScene<'a> {
     /// Position in NED axes.
     pub position_m: &'a Vector3<f64>,
-    /// Heading.
+    /// Heading of the vehicle: the rotation from body to NED axes.
     pub heading: Heading,
     /// Velocity over ground in body axes.
     pub velocity_m_per_s: Vector3<f64>,

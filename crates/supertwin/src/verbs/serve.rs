@@ -62,7 +62,7 @@ pub(crate) struct UpArguments {
 Every service waits for its router, and joins again by itself after a cut.
 Exit status: 0 done or stopped, 1 the run could not go on, 2 the call is wrong, 130 a lock-step run was interrupted.")]
 pub(crate) struct ServeArguments {
-    /// Which
+    /// What to run
     #[arg(value_enum)]
     service: Service,
     #[command(flatten)]

@@ -42,7 +42,7 @@ pub(crate) struct SweepArguments {
 
     /// Which recordings are kept [default: what the file says, else none]
     #[arg(long, value_enum)]
-    recordings: Option<KeepArgument>,
+    recordings: Option<KeepRecordingsArgument>,
 
     /// Join the tables of all parts; folders or files
     #[arg(long, value_name = "PART", num_args = 1..)]
@@ -59,21 +59,21 @@ pub(crate) struct SweepArguments {
 
 /// Which recordings are kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum KeepArgument {
+enum KeepRecordingsArgument {
     /// Those of all runs
     All,
     /// Those of runs that break a limit or are invalid
     OnFail,
-    /// None
+    /// Those of no run
     None,
 }
 
-impl From<KeepArgument> for KeepRecordings {
-    fn from(keep: KeepArgument) -> Self {
+impl From<KeepRecordingsArgument> for KeepRecordings {
+    fn from(keep: KeepRecordingsArgument) -> Self {
         match keep {
-            KeepArgument::All => Self::All,
-            KeepArgument::OnFail => Self::OnFail,
-            KeepArgument::None => Self::None,
+            KeepRecordingsArgument::All => Self::All,
+            KeepRecordingsArgument::OnFail => Self::OnFail,
+            KeepRecordingsArgument::None => Self::None,
         }
     }
 }
