@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use std::sync::Arc;
 use supertwin_core::{Severity, Tick};
 use supertwin_protocol::{Clock, keys};
-use supertwin_zenoh::doorman::Doorman;
+use supertwin_zenoh::access_log::AccessLog;
 use supertwin_zenoh::{Link, LinkError, Session, Voice, access_control, session, unique};
 
 /// What a router may let in.
@@ -69,7 +69,7 @@ impl RouterAccess {
         namespace: Option<&str>,
         clock: &Arc<dyn Clock>,
         mut tell: impl FnMut(&str, bool) + Send + 'static,
-    ) -> Result<Option<Doorman>, LinkError> {
+    ) -> Result<Option<AccessLog>, LinkError> {
         if self.rules.is_none() {
             return Ok(None);
         }
@@ -80,8 +80,8 @@ impl RouterAccess {
         };
         let open = |root: &String| Voice::unseen(session, root, "router", &unique(), Arc::clone(clock));
         let mut voice = root.as_ref().map(open).transpose()?;
-        Ok(Some(Doorman::new(Arc::clone(clock), move |knock, times| {
-            let (what, refusal) = (knock.event(times), knock.is_refusal());
+        Ok(Some(AccessLog::new(Arc::clone(clock), move |event, times| {
+            let (what, refusal) = (event.event(times), event.is_refusal());
             tell(&what.to_string(), refusal);
             if let Some(voice) = &mut voice {
                 let severity = if refusal { Severity::Warning } else { Severity::Info };

@@ -17,21 +17,20 @@
 //! ```
 
 pub mod access_control;
+pub mod access_log;
 pub mod client;
-pub mod doorman;
-
+mod connect_error;
 pub mod diagnose;
 pub mod engine;
 pub mod host;
-mod log_line;
 pub mod mailbox;
 mod outbox;
 pub mod router;
 pub mod session;
 pub mod voice;
 pub mod watch;
-mod why;
 pub mod witness;
+mod zenoh_log;
 
 pub use client::{Client, ClientError};
 pub use engine::{Engine, Finished};

@@ -1,6 +1,7 @@
 //! Sessions: a JSON5 file of Zenoh's own format, laid over settings that are safe by default, and overrides.
 
-use crate::why;
+use crate::connect_error;
+use crate::zenoh_log::with_connect_failure;
 use serde_json::{Map, Value, json};
 use std::path::{Path, PathBuf};
 use supertwin_pki::{Credentials, PkiError};
@@ -198,7 +199,7 @@ pub(crate) fn open(settings: &Value, config: Config) -> Result<Session, LinkErro
     for endpoint in &listen {
         prepare_socket(endpoint)?;
     }
-    let (opened, reason) = why::hear(|| zenoh::open(config).wait());
+    let (opened, reason) = with_connect_failure(|| zenoh::open(config).wait());
     opened.map_err(|error| {
         let cause = error.to_string();
         if connect.is_empty() || cause.contains("listen") {
@@ -208,7 +209,7 @@ pub(crate) fn open(settings: &Value, config: Config) -> Result<Session, LinkErro
             let knows = ["", "_base64"].iter().any(|kind| tls[format!("root_ca_certificate{kind}")].is_string());
             let reason = reason.unwrap_or(cause);
             // A router that is there, and can't be spoken with, is not helped by another.
-            let cause = why::meaning(&reason, knows).map_or_else(
+            let cause = connect_error::explain(&reason, knows).map_or_else(
                 || format!("{}; start one with `supertwin up` or `supertwin serve router`", brief(&reason)),
                 str::to_owned,
             );
