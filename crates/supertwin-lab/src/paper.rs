@@ -15,11 +15,7 @@ pub enum PaperColumn {
     Pid,
 }
 
-/// Names of the rows, as in [`supertwin_core::signal::tracking::QUANTITIES`].
-pub const ROWS: [&str; 6] =
-    ["Distance to net [m]", "Total speed [m/s]", "Surge [m/s]", "Sway [m/s]", "Depth [m]", "Heading [rad]"];
-
-/// Root-mean-square errors of one case study: distance, total speed, surge, sway, depth, heading.
+/// Root-mean-square errors of one case study, in the order of [`supertwin_core::signal::tracking::QUANTITIES`].
 #[must_use]
 pub fn table_iv(column: PaperColumn) -> [f64; 6] {
     match column {

@@ -44,8 +44,15 @@ pub enum OperationError {
 }
 
 impl OperationError {
-    /// An error at `path`.
+    /// An error at `path`, which `cause` may name already.
     pub fn at(path: &std::path::Path, cause: &impl std::fmt::Display) -> Self {
-        Self::Path { path: path.display().to_string(), cause: cause.to_string() }
+        let path = path.display().to_string();
+        Self::Path { cause: without_prefix(&path, cause), path }
     }
+}
+
+/// What `error` says after the name that it begins with.
+pub(crate) fn without_prefix(name: &str, error: &impl std::fmt::Display) -> String {
+    let text = error.to_string();
+    text.strip_prefix(&format!("{name}: ")).unwrap_or(&text).to_owned()
 }

@@ -38,6 +38,12 @@ struct Job {
     recording: Option<PathBuf>,
 }
 
+/// What runs of a trial with a controller are called; a trial's name may end with its controller's already.
+#[must_use]
+pub fn title(trial: &str, controller: &str) -> String {
+    if trial.ends_with(controller) { trial.to_owned() } else { format!("{trial}/{controller}") }
+}
+
 /// One run that was done.
 #[derive(Debug, Serialize)]
 pub struct FinishedRun {

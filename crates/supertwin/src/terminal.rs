@@ -1,10 +1,11 @@
 //! The terminal: text, tables, progress, Ctrl-C, exit status. A closed pipe ends the program quietly, not with a panic.
 
-use comfy_table::presets::NOTHING;
-use comfy_table::{CellAlignment, ContentArrangement, Table};
+use comfy_table::presets::{NOTHING, UTF8_FULL_CONDENSED};
+use comfy_table::{CellAlignment, ContentArrangement, Row, Table};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde::Serialize;
 use std::io::{IsTerminal, Write};
+use std::ops::RangeBounds;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -112,19 +113,28 @@ fn on_ctrl_c(handle: impl Fn() + Send + 'static) -> Result<(), OperationError> {
     ctrlc::set_handler(handle).map_err(|cause| OperationError::Option(format!("Ctrl-C can't be caught: {cause}")))
 }
 
+/// A table with a frame, as wide as its cells.
+pub(crate) fn framed_table(header: impl Into<Row>) -> Table {
+    let mut table = Table::new();
+    table.load_style(UTF8_FULL_CONDENSED).set_content_arrangement(ContentArrangement::Disabled).set_header(header);
+    table
+}
+
+/// The table as text; the columns `numbers`, counted from 0, are numbers.
+pub(crate) fn aligned(mut table: Table, numbers: impl RangeBounds<usize>) -> String {
+    for (_, column) in table.column_iter_mut().enumerate().filter(|(i, _)| numbers.contains(i)) {
+        column.set_cell_alignment(CellAlignment::Right);
+    }
+    table.to_string()
+}
+
 /// A table without lines; columns from number `numbers` on are numbers.
 pub(crate) fn table(header: &[&str], rows: Vec<Vec<String>>, numbers: usize) -> String {
-    let mut table = Table::new();
-    table.load_style(NOTHING).set_content_arrangement(ContentArrangement::Disabled).set_header(header.to_vec());
-    for row in rows {
-        table.add_row(row);
-    }
-    for (i, column) in table.column_iter_mut().enumerate() {
+    let mut table = framed_table(header.to_vec());
+    table.load_style(NOTHING).add_rows(rows);
+    table.column_iter_mut().for_each(|column| {
         column.set_padding((0, 2));
-        if i >= numbers {
-            column.set_cell_alignment(CellAlignment::Right);
-        }
-    }
-    let lines: Vec<String> = table.to_string().lines().map(|line| line.trim_end().to_owned()).collect();
+    });
+    let lines: Vec<String> = aligned(table, numbers..).lines().map(|line| line.trim_end().to_owned()).collect();
     lines.join("\n")
 }

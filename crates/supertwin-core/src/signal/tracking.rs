@@ -26,6 +26,12 @@ pub struct Quantity {
 }
 
 impl Quantity {
+    /// Its title with its unit, such as `Depth [m]`.
+    #[must_use]
+    pub fn label(&self) -> String {
+        format!("{} [{}]", self.title, self.signal.unit(0))
+    }
+
     /// Differences are taken the short way round.
     #[must_use]
     pub fn is_angle(&self) -> bool {

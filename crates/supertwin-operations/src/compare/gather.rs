@@ -3,6 +3,7 @@
 use super::Unusable;
 use super::files::Files;
 use super::run_group::{self, Facts, Member, RunGroup};
+use crate::error::without_prefix;
 use crate::{OperationError, Progress};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -54,26 +55,8 @@ struct Found {
 /// Reads and evaluates all of them.
 pub(super) fn gather(files: &Files, ask: &Ask<'_>, progress: &dyn Progress) -> Result<Gathered, OperationError> {
     progress.begin("recordings", 2 * files.paths.len() as u64);
-    let looked: Vec<Result<Option<Found>, Unusable>> = files
-        .paths
-        .par_iter()
-        .map(|path| {
-            let found = look(path, ask);
-            progress.advance(1);
-            found.map_err(|reason| Unusable { file: path.clone(), reason })
-        })
-        .collect();
-    let mut unusable = Vec::new();
-    let mut found = Vec::new();
     let mut warnings = Vec::new();
-    for (result, path) in looked.into_iter().zip(&files.paths) {
-        match result {
-            Ok(Some(run)) => found.push(run),
-            // Made by an earlier call, perhaps in the same folder.
-            Ok(None) => warnings.push(format!("{}: a comparison, not a recording of a run; left out", path.display())),
-            Err(reason) => unusable.push(reason),
-        }
-    }
+    let (found, mut unusable) = look_at_all(files, ask, progress, &mut warnings);
     if let Some(baseline) = &files.baseline
         && !found.iter().any(|run| files.is_baseline(&run.file))
     {
@@ -85,54 +68,98 @@ pub(super) fn gather(files: &Files, ask: &Ask<'_>, progress: &dyn Progress) -> R
     }
     let found = of_one_vehicle(found, files, &mut unusable);
     let found = without_doubles(found, &mut warnings);
-    let own = ask.window.is_none() && *ask.align == Alignment::Start;
     let common = common(&found, ask.window.unwrap_or_default());
     let (Some(tick_s), Some(common)) = (coarsest(&found), common) else {
         unusable.extend(found.into_iter().map(|run| Unusable {
             reason: format!("nothing of it is in the window: it ends {:.2} s from time zero", run.window.to_s),
             file: run.file,
         }));
-        return Err(nothing(&unusable));
+        return Err(nothing("none of these runs can be compared", &unusable));
     };
-
-    let evaluated: Vec<Result<(Found, Evaluated), Unusable>> = found
-        .into_par_iter()
-        .map(|run| {
-            let window = if own { run.window } else { common };
-            let evaluated = look_closer(&run, window, tick_s, ask.selection);
-            progress.advance(1);
-            match evaluated {
-                Ok(evaluated) => Ok((Found { window, ..run }, evaluated)),
-                Err(reason) => Err(Unusable { file: run.file, reason }),
-            }
-        })
-        .collect();
+    let evaluated = evaluate_all(found, common, tick_s, ask, progress, &mut unusable);
     progress.end();
+    warnings.extend(evaluated.iter().flat_map(|(run, evaluated)| restrictions(run, evaluated, tick_s)));
+    let groups = grouped(evaluated, files, ask.each, &unusable)?;
+    Ok(Gathered { groups, unusable, warnings, tick_s })
+}
+
+/// What every recording is, and what can't be used.
+fn look_at_all(
+    files: &Files,
+    ask: &Ask<'_>,
+    progress: &dyn Progress,
+    warnings: &mut Vec<String>,
+) -> (Vec<Found>, Vec<Unusable>) {
+    let look = |path: &PathBuf| {
+        let found = look(path, ask);
+        progress.advance(1);
+        found.map_err(|reason| Unusable { file: path.clone(), reason })
+    };
+    let looked: Vec<Result<Option<Found>, Unusable>> = files.paths.par_iter().map(look).collect();
+    let (mut found, mut unusable) = (Vec::new(), Vec::new());
+    for (result, path) in looked.into_iter().zip(&files.paths) {
+        match result {
+            Ok(Some(run)) => found.push(run),
+            // Made by an earlier call, perhaps in the same folder.
+            Ok(None) => warnings.push(format!("{}: a comparison, not a recording of a run; left out", path.display())),
+            Err(reason) => unusable.push(reason),
+        }
+    }
+    (found, unusable)
+}
+
+/// The metrics of all runs, each over the window that is asked for.
+fn evaluate_all(
+    found: Vec<Found>,
+    common: Window,
+    tick_s: f64,
+    ask: &Ask<'_>,
+    progress: &dyn Progress,
+    unusable: &mut Vec<Unusable>,
+) -> Vec<(Found, Evaluated)> {
+    let own = ask.window.is_none() && *ask.align == Alignment::Start;
+    let evaluate = |run: Found| {
+        let window = if own { run.window } else { common };
+        let evaluated = look_closer(&run, window, tick_s, ask.selection);
+        progress.advance(1);
+        match evaluated {
+            Ok(evaluated) => Ok((Found { window, ..run }, evaluated)),
+            Err(reason) => Err(Unusable { file: run.file, reason }),
+        }
+    };
+    let evaluated: Vec<Result<(Found, Evaluated), Unusable>> = found.into_par_iter().map(evaluate).collect();
+    evaluated.into_iter().filter_map(|result| result.map_err(|reason| unusable.push(reason)).ok()).collect()
+}
+
+/// What should be known of a run that was evaluated.
+fn restrictions(run: &Found, evaluated: &Evaluated, tick_s: f64) -> Vec<String> {
+    let mut restrictions = run.warnings.clone();
+    let Evaluated { moments, missing, .. } = evaluated;
+    if *missing > 0 {
+        restrictions.push(format!("{missing} of {} moments of the window were not recorded", moments + missing));
+    }
+    if (run.tick_s / tick_s - 1.0).abs() > 1e-9 {
+        let own = run.tick_s;
+        restrictions.push(format!("its ticks of {own} s are looked at every {tick_s} s (zero-order hold)"));
+    }
+    restrictions.into_iter().map(|text| format!("{}: {text}", run.file.display())).collect()
+}
+
+/// Groups of runs that differ in their seeds only; the baseline comes first.
+fn grouped(
+    evaluated: Vec<(Found, Evaluated)>,
+    files: &Files,
+    each: bool,
+    unusable: &[Unusable],
+) -> Result<Vec<RunGroup>, OperationError> {
     let mut groups: Vec<RunGroup> = Vec::new();
     let mut baseline = None;
-    for result in evaluated {
-        let (run, Evaluated { values, moments, missing }) = match result {
-            Ok(done) => done,
-            Err(reason) => {
-                unusable.push(reason);
-                continue;
-            }
-        };
-        let shown = run.file.display();
-        warnings.extend(run.warnings.iter().map(|warning| format!("{shown}: {warning}")));
-        if missing > 0 {
-            warnings
-                .push(format!("{shown}: {missing} of {} moments of the window were not recorded", moments + missing));
-        }
-        if (run.tick_s / tick_s - 1.0).abs() > 1e-9 {
-            let (own, coarse) = (run.tick_s, tick_s);
-            warnings.push(format!("{shown}: its ticks of {own} s are looked at every {coarse} s (zero-order hold)"));
-        }
+    for (run, Evaluated { values, moments, missing }) in evaluated {
         let is_baseline = files.is_baseline(&run.file);
         let zero_s = run.origin as f64 * run.tick_s;
         let (seed, window) = (run.seed, run.window);
         let member = Member { file: run.file, name: run.name, seed, window, values, moments, missing, zero_s };
-        let at = groups.iter().position(|group| !ask.each && group.facts == run.facts).unwrap_or_else(|| {
+        let at = groups.iter().position(|group| !each && group.facts == run.facts).unwrap_or_else(|| {
             groups.push(RunGroup { name: String::new(), facts: run.facts, runs: Vec::new() });
             groups.len() - 1
         });
@@ -142,44 +169,35 @@ pub(super) fn gather(files: &Files, ask: &Ask<'_>, progress: &dyn Progress) -> R
         groups[at].runs.push(member);
     }
     if groups.is_empty() {
-        return Err(nothing(&unusable));
+        return Err(nothing("none of these runs can be compared", unusable));
     }
     if baseline.is_none() && files.baseline.is_some() {
-        let cause = "nothing of the baseline can be compared".to_owned();
-        let reasons = unusable.iter().map(|unusable| format!("\n  {}: {}", unusable.file.display(), unusable.reason));
-        return Err(OperationError::Option(cause + &reasons.collect::<String>()));
+        return Err(nothing("nothing of the baseline can be compared", unusable));
     }
     for group in &mut groups {
         group.runs.sort_by_key(|run| run.seed);
     }
-    // What the others are held against comes first.
     groups[..=baseline.unwrap_or(0)].rotate_right(1);
-    run_group::name(&mut groups, ask.each);
-    Ok(Gathered { groups, unusable, warnings, tick_s })
+    run_group::name(&mut groups, each);
+    Ok(groups)
 }
 
 /// There is nothing to compare: every reason.
-fn nothing(unusable: &[Unusable]) -> OperationError {
+fn nothing(what: &str, unusable: &[Unusable]) -> OperationError {
     let reasons = unusable.iter().map(|unusable| format!("\n  {}: {}", unusable.file.display(), unusable.reason));
-    OperationError::Option(format!("none of these runs can be compared{}", reasons.collect::<String>()))
+    OperationError::Option(format!("{what}{}", reasons.collect::<String>()))
 }
 
 /// A recording with what is wanted of it.
 fn read(path: &Path, wanted: &dyn Fn(&str) -> bool) -> Result<Recording, String> {
-    read_selected(path, wanted).map_err(|error| reason(path, &error))
-}
-
-/// The file's name is not repeated.
-fn reason(path: &Path, error: &ReadError) -> String {
-    let text = error.to_string();
-    text.strip_prefix(&format!("{}: ", path.display())).unwrap_or(&text).to_owned()
+    read_selected(path, wanted).map_err(|error| without_prefix(&path.display().to_string(), &error))
 }
 
 /// What a recording is; `None` when it is several runs side by side.
 fn look(path: &Path, ask: &Ask<'_>) -> Result<Option<Found>, String> {
     let recording = match read_selected(path, &|path| ask.align.is_needed(path)) {
         Err(ReadError::Comparison { .. }) => return Ok(None),
-        other => other.map_err(|error| reason(path, &error))?,
+        other => other.map_err(|error| without_prefix(&path.display().to_string(), &error))?,
     };
     let empty = Properties::new();
     let run = recording.properties.get("run").unwrap_or(&empty);
@@ -236,10 +254,7 @@ fn look(path: &Path, ask: &Ask<'_>) -> Result<Option<Found>, String> {
 fn look_closer(run: &Found, window: Window, tick_s: f64, selection: &Selection) -> Result<Evaluated, String> {
     let recording = read(&run.file, &|path| selection.is_needed(path))?;
     let grid = Grid::new(run.origin, run.tick_s, window, tick_s);
-    let evaluated = evaluate(&recording, &grid, selection).map_err(|error| {
-        let text = error.to_string();
-        text.strip_prefix(&format!("{}: ", recording.name)).unwrap_or(&text).to_owned()
-    })?;
+    let evaluated = evaluate(&recording, &grid, selection).map_err(|error| without_prefix(&recording.name, &error))?;
     if evaluated.coverage() < LEAST_COVERAGE {
         return Err(format!(
             "only {:.2} of {:.2} s of the window were recorded; name a shorter one with --window",

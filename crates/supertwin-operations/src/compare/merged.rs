@@ -16,13 +16,9 @@ pub(super) fn write(
     path: &Path,
     force: bool,
 ) -> Result<Merged, OperationError> {
-    let failed = |error: &MergeError| {
-        let (text, shown) = (error.to_string(), path.display().to_string());
-        let cause = text.strip_prefix(&format!("{shown}: ")).unwrap_or(&text).to_owned();
-        OperationError::Path { path: shown, cause }
-    };
-    let merge = plan(comparison, shown).map_err(|error| failed(&error))?;
-    merge::merge(&merge, path, force).map_err(|error| failed(&error))
+    plan(comparison, shown)
+        .and_then(|merge| merge::merge(&merge, path, force))
+        .map_err(|error| OperationError::at(path, &error))
 }
 
 fn plan(comparison: &Comparison, shown: &Selection) -> Result<Merge, MergeError> {

@@ -1,5 +1,6 @@
 //! Runs of one configuration, and how configurations differ.
 
+use crate::run::title;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -92,13 +93,8 @@ impl Facts {
         self.config.get("trial")?.get("paper_column")?.clone().try_into().ok()
     }
 
-    /// As `run` calls it.
     fn title(&self) -> String {
-        if self.trial.ends_with(&self.controller) {
-            self.trial.clone()
-        } else {
-            format!("{}/{}", self.trial, self.controller)
-        }
+        title(&self.trial, &self.controller)
     }
 }
 

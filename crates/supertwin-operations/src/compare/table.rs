@@ -13,12 +13,9 @@ pub(super) fn write(
     path: &Path,
     force: bool,
 ) -> Result<(), OperationError> {
-    table(comparison, selection).and_then(|table| table.write(path, force)).map_err(|error| {
-        let text = error.to_string();
-        let shown = path.display().to_string();
-        let cause = text.strip_prefix(&format!("{shown}: ")).unwrap_or(&text).to_owned();
-        OperationError::Path { path: shown, cause }
-    })
+    table(comparison, selection)
+        .and_then(|table| table.write(path, force))
+        .map_err(|error| OperationError::at(path, &error))
 }
 
 fn table(comparison: &Comparison, selection: &Selection) -> Result<Table, TableError> {

@@ -2,14 +2,12 @@
 
 use crate::terminal::{self, Bar, INTERRUPTED};
 use clap::{Args, ValueEnum};
-use comfy_table::presets::UTF8_FULL_CONDENSED;
-use comfy_table::{CellAlignment, ContentArrangement, Table};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::atomic::Ordering;
 use supertwin_core::axes::AXIS_NAMES;
-use supertwin_lab::paper::ROWS;
+use supertwin_core::signal::tracking::QUANTITIES;
 use supertwin_lab::replay::closed::Closed;
 use supertwin_lab::replay::{BlockVerdict, Changed, FromBlock, Verification, WhatIf};
 use supertwin_lab::{Library, Scores};
@@ -188,9 +186,7 @@ fn verified(arguments: &ReplayArguments, done: &Verification, from: Option<FromB
         terminal::print(&report.to_string());
         return status;
     }
-    let mut table = Table::new();
-    table.load_style(UTF8_FULL_CONDENSED).set_content_arrangement(ContentArrangement::Disabled);
-    table.set_header(["block", "starts", "steps", "compared", "bits"]);
+    let mut table = terminal::framed_table(["block", "starts", "steps", "compared", "bits"]);
     for block in &done.blocks {
         let bits = match &block.difference {
             Some(difference) => format!("differ from tick {} on", difference.tick),
@@ -205,10 +201,7 @@ fn verified(arguments: &ReplayArguments, done: &Verification, from: Option<FromB
             bits,
         ]);
     }
-    for column in table.column_iter_mut().skip(1).take(3) {
-        column.set_cell_alignment(CellAlignment::Right);
-    }
-    terminal::print(&table.to_string());
+    terminal::print(&terminal::aligned(table, 1..4));
     say_inexact(&done.blocks);
     if done.hash == Some(true) {
         terminal::print("The hash over all blocks and ticks is that of the run.");
@@ -299,17 +292,15 @@ fn say_inexact(blocks: &[BlockVerdict]) {
 
 /// The original's scores beside those of the replay.
 fn table(original: &Scores, replay: &Scores) -> String {
-    let mut table = Table::new();
-    table.load_style(UTF8_FULL_CONDENSED).set_content_arrangement(ContentArrangement::Disabled);
-    table.set_header(["", "recorded", "replay"]);
+    let mut table = terminal::framed_table(["", "recorded", "replay"]);
     let mut row = |name: String, digits: usize, value: &dyn Fn(&Scores) -> f64| {
         table.add_row([name, format!("{:.digits$}", value(original)), format!("{:.digits$}", value(replay))]);
     };
-    for (i, name) in ROWS.iter().enumerate() {
-        row(format!("{name}, measured"), 3, &|scores| scores.measured.to_array()[i]);
+    for (i, quantity) in QUANTITIES.iter().enumerate() {
+        row(format!("{}, measured", quantity.label()), 3, &|scores| scores.measured.to_array()[i]);
     }
-    for (i, name) in ROWS.iter().enumerate() {
-        row(format!("{name}, true"), 3, &|scores| scores.truth.to_array()[i]);
+    for (i, quantity) in QUANTITIES.iter().enumerate() {
+        row(format!("{}, true", quantity.label()), 3, &|scores| scores.truth.to_array()[i]);
     }
     for (i, axis) in AXIS_NAMES.iter().enumerate() {
         let unit = if i == 3 { "N m" } else { "N" };
@@ -319,8 +310,5 @@ fn table(original: &Scores, replay: &Scores) -> String {
         let unit = if i == 3 { "N m/s" } else { "N/s" };
         row(format!("Chattering {axis} [{unit}]"), 2, &|scores| scores.chattering.to_array()[i]);
     }
-    for column in table.column_iter_mut().skip(1) {
-        column.set_cell_alignment(CellAlignment::Right);
-    }
-    table.to_string()
+    terminal::aligned(table, 1..)
 }

@@ -2,13 +2,12 @@
 
 use crate::terminal;
 use clap::Args;
-use comfy_table::presets::UTF8_FULL_CONDENSED;
-use comfy_table::{CellAlignment, ContentArrangement, Table};
+use comfy_table::ContentArrangement;
 use serde_json::json;
 use std::path::PathBuf;
 use std::process::ExitCode;
+use supertwin_core::signal::tracking::QUANTITIES;
 use supertwin_core::{Event, Property, Severity};
-use supertwin_lab::paper::ROWS;
 use supertwin_operations::OperationError;
 use supertwin_operations::inspect::{Inspection, RecordedScores, RecordedSignal, TickGap, inspect};
 use supertwin_rerun::{Recording, read};
@@ -109,9 +108,9 @@ fn plain(value: &Property) -> String {
 }
 
 fn table(lines: &[RecordedSignal]) -> String {
-    let mut table = Table::new();
-    table.load_style(UTF8_FULL_CONDENSED).set_content_arrangement(ContentArrangement::Dynamic);
-    table.set_header(["signal", "components", "rows", "Hz", "first [s]", "last [s]", "missing"]);
+    let header = ["signal", "components", "rows", "Hz", "first [s]", "last [s]", "missing"];
+    let mut table = terminal::framed_table(header);
+    table.set_content_arrangement(ContentArrangement::Dynamic);
     let number =
         |value: Option<f64>, digits: usize| value.map_or_else(String::new, |value| format!("{value:.digits$}"));
     for line in lines {
@@ -125,10 +124,7 @@ fn table(lines: &[RecordedSignal]) -> String {
             line.missing.map_or_else(String::new, |missing| missing.to_string()),
         ]);
     }
-    for column in table.column_iter_mut().skip(2) {
-        column.set_cell_alignment(CellAlignment::Right);
-    }
-    table.to_string()
+    terminal::aligned(table, 2..)
 }
 
 fn shortened(text: &str) -> String {
@@ -182,15 +178,11 @@ fn scores_text(scores: &RecordedScores) -> String {
         0 => String::new(),
         missing => format!(", {missing} ticks of the window are missing"),
     };
-    let mut table = Table::new();
-    table.load_style(UTF8_FULL_CONDENSED).set_content_arrangement(ContentArrangement::Disabled);
-    table.set_header(["root-mean-square error", "measured", "true"]);
+    let mut table = terminal::framed_table(["root-mean-square error", "measured", "true"]);
     let (measured, truth) = (again.measured.to_array(), again.truth.to_array());
-    for (i, row) in ROWS.iter().enumerate() {
-        table.add_row([(*row).to_owned(), format!("{:.3}", measured[i]), format!("{:.3}", truth[i])]);
+    for (i, quantity) in QUANTITIES.iter().enumerate() {
+        table.add_row([quantity.label(), format!("{:.3}", measured[i]), format!("{:.3}", truth[i])]);
     }
-    for column in table.column_iter_mut().skip(1) {
-        column.set_cell_alignment(CellAlignment::Right);
-    }
+    let table = terminal::aligned(table, 1..);
     format!("Scores over {} ticks, computed from the recording: {verdict}{missing}\n{table}", scores.ticks)
 }

@@ -1,10 +1,10 @@
 //! Tables of scores: the paper's table IV beside ours, and what the accuracy cost.
 
-use comfy_table::presets::UTF8_FULL_CONDENSED;
-use comfy_table::{CellAlignment, ContentArrangement, Table};
+use crate::terminal::{aligned, framed_table};
+use supertwin_core::signal::tracking::QUANTITIES;
 use supertwin_lab::Scores;
-use supertwin_lab::paper::{ROWS, table_iv};
-use supertwin_operations::run::FinishedRun;
+use supertwin_lab::paper::table_iv;
+use supertwin_operations::run::{FinishedRun, title};
 
 /// Runs of one trial and controller.
 struct TrialRuns<'a> {
@@ -28,30 +28,13 @@ impl TrialRuns<'_> {
 fn groups<'a>(done: &[&'a FinishedRun]) -> Vec<TrialRuns<'a>> {
     let mut groups: Vec<TrialRuns<'_>> = Vec::new();
     for &run in done {
-        let title = if run.trial.ends_with(&run.controller) {
-            run.trial.clone()
-        } else {
-            format!("{}/{}", run.trial, run.controller)
-        };
+        let title = title(&run.trial, &run.controller);
         match groups.iter_mut().find(|group| group.title == title) {
             Some(group) => group.runs.push(run),
             None => groups.push(TrialRuns { title, runs: vec![run] }),
         }
     }
     groups
-}
-
-fn table(header: Vec<String>) -> Table {
-    let mut table = Table::new();
-    table.load_style(UTF8_FULL_CONDENSED).set_content_arrangement(ContentArrangement::Disabled).set_header(header);
-    table
-}
-
-fn aligned(mut table: Table) -> String {
-    for column in table.column_iter_mut().skip(1) {
-        column.set_cell_alignment(CellAlignment::Right);
-    }
-    table.to_string()
 }
 
 /// All tables as one text.
@@ -68,9 +51,9 @@ pub(crate) fn scores(done: &[&FinishedRun]) -> String {
         }
         header.push(group.title.clone());
     }
-    let mut measured = table(header);
-    for (i, row) in ROWS.iter().enumerate() {
-        let mut cells = vec![(*row).to_owned()];
+    let mut measured = framed_table(header);
+    for (i, quantity) in QUANTITIES.iter().enumerate() {
+        let mut cells = vec![quantity.label()];
         for group in &groups {
             if let Some(column) = group.runs[0].paper {
                 cells.push(format!("{:.3}", table_iv(column)[i]));
@@ -79,19 +62,19 @@ pub(crate) fn scores(done: &[&FinishedRun]) -> String {
         }
         measured.add_row(cells);
     }
-    text += &aligned(measured);
+    text += &aligned(measured, 1..);
 
     text += "\n\nThe same of the true signals, which no field trial knows, and what it cost\n";
     let mut header = vec!["true".to_owned()];
     header.extend(groups.iter().map(|group| group.title.clone()));
-    let mut truth = table(header);
+    let mut truth = framed_table(header);
     let mut row = |name: &str, digits: usize, value: &dyn Fn(&Scores) -> f64| {
         let mut cells = vec![name.to_owned()];
         cells.extend(groups.iter().map(|group| group.cell(digits, value)));
         truth.add_row(cells);
     };
-    for (i, name) in ROWS.iter().enumerate() {
-        row(name, 3, &|scores| scores.truth.to_array()[i]);
+    for (i, quantity) in QUANTITIES.iter().enumerate() {
+        row(&quantity.label(), 3, &|scores| scores.truth.to_array()[i]);
     }
     row("Sway bias in travel [m/s]", 3, &|scores| scores.sway_bias_in_travel_direction_m_per_s);
     row("Thrust activity surge [N/s]", 1, &|scores| scores.activity.surge);
@@ -101,5 +84,5 @@ pub(crate) fn scores(done: &[&FinishedRun]) -> String {
     for (axis, name) in supertwin_core::axes::AXIS_NAMES.iter().enumerate() {
         row(&format!("k1 {name} at the end"), 1, &|scores| scores.k1_end.to_array()[axis]);
     }
-    text + &aligned(truth)
+    text + &aligned(truth, 1..)
 }

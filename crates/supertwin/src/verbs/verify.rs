@@ -3,8 +3,6 @@
 use crate::arguments::{TrialsArguments, positive};
 use crate::terminal::{self, Bar, INTERRUPTED};
 use clap::Args;
-use comfy_table::presets::UTF8_FULL_CONDENSED;
-use comfy_table::{CellAlignment, ContentArrangement, Table};
 use serde::Serialize;
 use std::process::{Command, ExitCode};
 use std::sync::atomic::Ordering;
@@ -96,23 +94,13 @@ fn report(checks: &[PlacementCheck], equal: bool, json: bool) -> Result<(), Oper
     if json {
         return terminal::print_json(&Report { equal, rows: checks });
     }
-    let mut table = Table::new();
-    table.load_style(UTF8_FULL_CONDENSED).set_content_arrangement(ContentArrangement::Disabled).set_header([
-        "trial",
-        "placement",
-        "state hash",
-        "ticks",
-        "laps/s",
-    ]);
+    let mut table = terminal::framed_table(["trial", "placement", "state hash", "ticks", "laps/s"]);
     for row in checks {
         let hash = row.hash.clone().unwrap_or_else(|| "differs".to_owned());
         let laps = format!("{:.0}", row.laps_per_s);
         table.add_row([row.trial.clone(), row.placement.to_owned(), hash, row.ticks.to_string(), laps]);
     }
-    for column in table.column_iter_mut().skip(3) {
-        column.set_cell_alignment(CellAlignment::Right);
-    }
-    terminal::print(&table.to_string());
+    terminal::print(&terminal::aligned(table, 3..));
     for row in checks {
         if let Some(d) = &row.first_difference {
             terminal::print(&format!(

@@ -1,7 +1,8 @@
 //! The comparison as tables, for a terminal or in Markdown.
 
-use comfy_table::presets::{ASCII_MARKDOWN, UTF8_FULL_CONDENSED};
-use comfy_table::{CellAlignment, ContentArrangement, Table};
+use crate::terminal::{aligned, framed_table};
+use comfy_table::Table;
+use comfy_table::presets::ASCII_MARKDOWN;
 use std::collections::{BTreeMap, BTreeSet};
 use supertwin_lab::align::Window;
 use supertwin_lab::limits::{Judged, Outcome};
@@ -72,9 +73,10 @@ fn plural(n: usize) -> &'static str {
 }
 
 fn table(header: Vec<String>, markdown: bool) -> Table {
-    let mut table = Table::new();
-    table.load_style(if markdown { ASCII_MARKDOWN } else { UTF8_FULL_CONDENSED });
-    table.set_content_arrangement(ContentArrangement::Disabled).set_header(header);
+    let mut table = framed_table(header);
+    if markdown {
+        table.load_style(ASCII_MARKDOWN);
+    }
     table
 }
 
@@ -104,10 +106,7 @@ fn means(comparison: &Comparison, shown: &Selection, markdown: bool) -> String {
         }
         table.add_row(cells);
     }
-    for column in table.column_iter_mut().skip(1) {
-        column.set_cell_alignment(CellAlignment::Right);
-    }
-    table.to_string()
+    aligned(table, 1..)
 }
 
 /// Three digits that count, or as many as the deviation deserves.
