@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use supertwin_pki::{Authority, DAY, Request};
-use supertwin_protocol::access::{self, COLUMNS, Row, Verb};
+use supertwin_protocol::access::{self, AccessRow, COLUMNS, Verb};
 use supertwin_protocol::lease::LeaseAction;
 use supertwin_protocol::role::{Role, Scope};
 use supertwin_protocol::{Clock, SystemClock, keys};
@@ -218,8 +218,8 @@ fn a_certificate_counts_for_its_vehicle_alone_and_a_fleets_for_all() {
     }
 }
 
-fn row(key: &str) -> Row {
-    let is = |row: &Row| row.keys.iter().any(|other| other == key);
+fn row(key: &str) -> AccessRow {
+    let is = |row: &AccessRow| row.keys.iter().any(|other| other == key);
     access::matrix().into_iter().find(is).unwrap_or_else(|| panic!("no row for {key}"))
 }
 

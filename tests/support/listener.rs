@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
-use supertwin_protocol::{Clock, Heard, SystemClock};
+use supertwin_protocol::{Clock, Received, SystemClock};
 use supertwin_zenoh::{Client, Inbox, Link, Session};
 
 /// Listens to one vehicle from beside it.
@@ -59,7 +59,7 @@ impl Listener {
 
     /// The next sample: key without the vehicle, and JSON.
     pub fn next(&self) -> (String, Value, Duration) {
-        let Heard { key, payload, at, .. } =
+        let Received { key, payload, at, .. } =
             self.inbox.next(Some(self.clock.now() + LIMIT)).expect("something is heard");
         let value = serde_json::from_slice(&payload).unwrap_or(Value::Null);
         (key.strip_prefix(&self.prefix).unwrap_or(&key).to_owned(), value, at)

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::time::Duration;
-use supertwin_protocol::Heard;
+use supertwin_protocol::Received;
 use supertwin_protocol::ledger::{Counts, Ledger};
 use supertwin_zenoh::client;
 
@@ -47,7 +47,7 @@ impl Flow {
         }
     }
 
-    fn enter(&mut self, heard: &Heard) {
+    fn enter(&mut self, heard: &Received) {
         if self.messages == 0 {
             self.first = heard.at;
         } else {
@@ -259,7 +259,7 @@ pub fn listen_with_history(
     network: &mut NetworkClient,
     key: &str,
     end: Option<Duration>,
-) -> Result<VecDeque<Heard>, OperationError> {
+) -> Result<VecDeque<Received>, OperationError> {
     // Only listeners of events and nothing else ask for the past: a pattern such as ** would fetch it in the middle
     // of everything else.
     if key.split('/').nth(2) == Some("event") {
@@ -271,7 +271,7 @@ pub fn listen_with_history(
 }
 
 /// Past events arrive service by service: waits for all of them and puts them in the order in which they happened.
-fn history(network: &NetworkClient, end: Option<Duration>) -> VecDeque<Heard> {
+fn history(network: &NetworkClient, end: Option<Duration>) -> VecDeque<Received> {
     let last = network.after(1.0).min(end.unwrap_or(Duration::MAX));
     let mut past = Vec::new();
     while let Some(heard) = network.inbox.next(Some(network.after(if past.is_empty() { 1.0 } else { 0.15 }).min(last)))
@@ -294,8 +294,8 @@ pub fn nothing_heard(key: &str, for_s: f64) -> OperationError {
 mod tests {
     use super::*;
 
-    fn heard(at_ms: u64, payload: &str) -> Heard {
-        Heard {
+    fn heard(at_ms: u64, payload: &str) -> Received {
+        Received {
             key: "supertwin/a/estimator/nav".to_owned(),
             payload: payload.as_bytes().to_vec(),
             gone: false,

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use supertwin_core::{Severity, Tick};
 use supertwin_protocol::{Clock, keys};
 use supertwin_zenoh::access_log::AccessLog;
-use supertwin_zenoh::{Link, LinkError, Session, Voice, access_control, session, unique};
+use supertwin_zenoh::{Link, LinkError, ServicePublisher, Session, access_control, session, unique};
 
 /// What a router may let in.
 #[derive(Clone, Debug)]
@@ -78,14 +78,14 @@ impl RouterAccess {
             (None, Some(vehicle)) => Some(format!("{}/", keys::namespace(vehicle))),
             (None, None) => None,
         };
-        let open = |root: &String| Voice::unseen(session, root, "router", &unique(), Arc::clone(clock));
-        let mut voice = root.as_ref().map(open).transpose()?;
+        let open = |root: &String| ServicePublisher::unseen(session, root, "router", &unique(), Arc::clone(clock));
+        let mut publisher = root.as_ref().map(open).transpose()?;
         Ok(Some(AccessLog::new(Arc::clone(clock), move |event, times| {
             let (what, refusal) = (event.event(times), event.is_refusal());
             tell(&what.to_string(), refusal);
-            if let Some(voice) = &mut voice {
+            if let Some(publisher) = &mut publisher {
                 let severity = if refusal { Severity::Warning } else { Severity::Info };
-                voice.event("", Tick { k: 0, dt_s: 0.0 }, severity, what);
+                publisher.event("", Tick { k: 0, dt_s: 0.0 }, severity, what);
             }
         })))
     }

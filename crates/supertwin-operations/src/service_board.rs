@@ -5,7 +5,7 @@ use crate::network::NetworkClient;
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::time::Duration;
-use supertwin_protocol::{Health, Heard, keys};
+use supertwin_protocol::{Health, Received, keys};
 
 /// Health comes once a second; a rate needs two.
 const FIRST_WAIT_S: f64 = 3.0;
@@ -125,7 +125,7 @@ impl ServiceBoard {
         })
     }
 
-    fn enter(&mut self, heard: &Heard) {
+    fn enter(&mut self, heard: &Received) {
         let mut parts = heard.key.split('/').skip(2);
         match (parts.next(), parts.next(), parts.next()) {
             (Some("alive"), Some(service), Some(instance)) if service != "operator" => {
@@ -155,8 +155,8 @@ impl ServiceBoard {
 mod tests {
     use super::*;
 
-    fn heard(key: &str, payload: Vec<u8>, gone: bool) -> Heard {
-        Heard { key: key.to_owned(), payload, gone, at: Duration::from_secs(1) }
+    fn heard(key: &str, payload: Vec<u8>, gone: bool) -> Received {
+        Received { key: key.to_owned(), payload, gone, at: Duration::from_secs(1) }
     }
 
     #[test]

@@ -4,7 +4,7 @@
 //! A payload is a sequence of lines `NAME BODY`: a command of that name, or a request for the lease when it is `lease`;
 //! a line `tick` lets time pass. The token in bodies is `t`, the holder `anna`.
 
-use crate::command_queue::{Answer, Desk, Moment, Request};
+use crate::command_queue::{Answer, CommandQueue, Request, RequestTime};
 use crate::lease::{Authority, LeaseAction, LeaseRequest, LeaseState, LeaseView};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -13,31 +13,31 @@ use std::time::Duration;
 use supertwin_core::command::{ControllerCommand, EstimatorCommand, GuidanceCommand, PlantCommand, Setpoint};
 use supertwin_core::{Refusal, Tick};
 
-/// One desk with its model: the last number that was scheduled for each client, and under which lease.
+/// One queue with its model: the last number that was scheduled for each client, and under which lease.
 struct Bench<C> {
-    desk: Desk<C>,
+    queue: CommandQueue<C>,
     scheduled: BTreeMap<String, (String, u64)>,
     waiting_before: usize,
 }
 
 impl<C: Serialize + DeserializeOwned + Clone> Bench<C> {
     fn new() -> Self {
-        Self { desk: Desk::new(&[]), scheduled: BTreeMap::new(), waiting_before: 0 }
+        Self { queue: CommandQueue::new(&[]), scheduled: BTreeMap::new(), waiting_before: 0 }
     }
 
-    fn submit(&mut self, name: &str, body: &[u8], lease: &LeaseView, moment: Moment, refuse: bool) {
-        let before = self.desk.counts;
+    fn submit(&mut self, name: &str, body: &[u8], lease: &LeaseView, moment: RequestTime, refuse: bool) {
+        let before = self.queue.counts;
         let attempt = |_: &C| if refuse { Err(Refusal("no".to_owned())) } else { Ok(()) };
-        let answer = self.desk.submit(name, body, lease, moment, attempt);
-        let counts = self.desk.counts;
+        let answer = self.queue.submit(name, body, lease, moment, attempt);
+        let counts = self.queue.counts;
         let rise = |after: u64, before: u64| usize::try_from(after - before).expect("small");
         let one = rise(counts.scheduled, before.scheduled)
             + rise(counts.refused, before.refused)
             + rise(counts.repeated, before.repeated);
         assert_eq!(one, 1, "every request is accounted for once");
-        let grown = self.desk.waiting() - self.waiting_before;
+        let grown = self.queue.waiting() - self.waiting_before;
         assert_eq!(grown, rise(counts.scheduled, before.scheduled), "what is refused or repeated leaves nothing");
-        self.waiting_before = self.desk.waiting();
+        self.waiting_before = self.queue.waiting();
         let text = serde_json::to_vec(&answer).expect("an answer can be written");
         assert_eq!(serde_json::from_slice::<Answer>(&text).expect("and read"), answer);
         if counts.scheduled > before.scheduled {
@@ -57,11 +57,11 @@ impl<C: Serialize + DeserializeOwned + Clone> Bench<C> {
     }
 
     fn due(&mut self, k: u64) {
-        for waiting in self.desk.due(k) {
+        for waiting in self.queue.due(k) {
             serde_json::to_value(&waiting.command).expect("a command can be written");
             assert!(waiting.by.is_some() && !waiting.name.is_empty());
         }
-        self.waiting_before = self.desk.waiting();
+        self.waiting_before = self.queue.waiting();
     }
 }
 
@@ -111,7 +111,7 @@ pub(crate) fn check(payload: &[u8]) {
             }
             _ => {
                 let refuse = body.len() % 7 == 3;
-                let moment = Moment { now, next, tick_s: 0.02, lead: 3 };
+                let moment = RequestTime { now, next, tick_s: 0.02, lead: 3 };
                 plant.submit(name, body, &view, moment, refuse);
                 estimator.submit(name, body, &view, moment, refuse);
                 guidance.submit(name, body, &view, moment, refuse);

@@ -52,7 +52,7 @@ impl fmt::Display for Verb {
 
 /// Keys that are treated alike, and why.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Row {
+pub struct AccessRow {
     /// Key expressions, relative to the vehicle's namespace.
     pub keys: Vec<String>,
     /// A pattern that includes them and their relatives, by which some ask for all of them at once.
@@ -62,7 +62,7 @@ pub struct Row {
     rights: Vec<(Role, &'static [Verb])>,
 }
 
-impl Row {
+impl AccessRow {
     /// Whether a role may do this.
     #[must_use]
     pub fn allows(&self, role: Role, verb: Verb) -> bool {
@@ -122,59 +122,59 @@ const KEEP_AND_READ: &[Verb] = &[Put, Subscribe, Get, Queryable, Liveliness];
 const SHOW: &[Verb] = &[Put, Get, Queryable];
 
 /// The three that look.
-fn eyes(verbs: &'static [Verb]) -> Vec<(Role, &'static [Verb])> {
+fn readers(verbs: &'static [Verb]) -> Vec<(Role, &'static [Verb])> {
     vec![(Operator, verbs), (Observer, verbs), (Recorder, verbs)]
 }
 
 /// The three that look, with other rights for some.
-fn eyes_and(verbs: &'static [Verb], others: &[(Role, &'static [Verb])]) -> Vec<(Role, &'static [Verb])> {
-    let mut rights = eyes(verbs);
+fn readers_and(verbs: &'static [Verb], others: &[(Role, &'static [Verb])]) -> Vec<(Role, &'static [Verb])> {
+    let mut rights = readers(verbs);
     rights.retain(|(role, _)| others.iter().all(|(other, _)| other != role));
     rights.extend_from_slice(others);
     rights.sort_by_key(|(role, _)| *role);
     rights
 }
 
-fn row(keys: &[String], family: Option<String>, rights: Vec<(Role, &'static [Verb])>, why: &'static str) -> Row {
-    Row { keys: keys.to_vec(), family, why, rights }
+fn row(keys: &[String], family: Option<String>, rights: Vec<(Role, &'static [Verb])>, why: &'static str) -> AccessRow {
+    AccessRow { keys: keys.to_vec(), family, why, rights }
 }
 
-fn one(key: &str, rights: Vec<(Role, &'static [Verb])>, why: &'static str) -> Row {
+fn one(key: &str, rights: Vec<(Role, &'static [Verb])>, why: &'static str) -> AccessRow {
     row(&[key.to_owned()], None, rights, why)
 }
 
 /// The whole matrix. What stands in no row is for the vehicle's own services alone; another vehicle's keys are for nobody.
 #[must_use]
-pub fn matrix() -> Vec<Row> {
+pub fn matrix() -> Vec<AccessRow> {
     let mut rows = wires();
-    rows.extend(said());
-    rows.extend(asked());
-    rows.extend(signs());
+    rows.extend(published_by_services());
+    rows.extend(queried());
+    rows.extend(liveliness());
     rows
 }
 
 /// The ring's wires and what steers them.
-fn wires() -> Vec<Row> {
+fn wires() -> Vec<AccessRow> {
     let truth = Truth::KEY.to_owned();
     vec![
-        one(Measurements::KEY, eyes(HEAR), "only the plant, or a real vehicle's driver, says what was measured"),
-        one(&truth, eyes(HEAR), "for recordings and scores; the brain never sees it"),
-        row(&[keys::advanced(&truth)], None, eyes(HEAR_AND_ASK), "what was missed of it can be asked for"),
+        one(Measurements::KEY, readers(HEAR), "only the plant, or a real vehicle's driver, says what was measured"),
+        one(&truth, readers(HEAR), "for recordings and scores; the brain never sees it"),
+        row(&[keys::advanced(&truth)], None, readers(HEAR_AND_ASK), "what was missed of it can be asked for"),
         row(
             &[keys::shadow(Measurements::KEY), keys::shadow(Truth::KEY)],
             None,
-            eyes(HEAR),
+            readers(HEAR),
             "the twin beside a real vehicle: for those who look",
         ),
         row(
             &[keys::advanced(&keys::shadow(Truth::KEY))],
             None,
-            eyes(HEAR_AND_ASK),
+            readers(HEAR_AND_ASK),
             "what was missed of it can be asked for",
         ),
-        one(Nav::KEY, eyes_and(HEAR, &[(Guidance, HEAR)]), "whoever forges navigation steers the vehicle"),
-        one(Reference::KEY, eyes_and(HEAR, &[(Guidance, WRITE)]), "guidance alone writes where to go"),
-        one(Thrust::KEY, eyes(HEAR), "the controller alone drives the thrusters"),
+        one(Nav::KEY, readers_and(HEAR, &[(Guidance, HEAR)]), "whoever forges navigation steers the vehicle"),
+        one(Reference::KEY, readers_and(HEAR, &[(Guidance, WRITE)]), "guidance alone writes where to go"),
+        one(Thrust::KEY, readers(HEAR), "the controller alone drives the thrusters"),
         one(
             WrenchRequest::KEY,
             vec![(Operator, WRITE_AND_HEAR), (Recorder, HEAR)],
@@ -189,7 +189,7 @@ fn wires() -> Vec<Row> {
 }
 
 /// What services say about themselves.
-fn said() -> Vec<Row> {
+fn published_by_services() -> Vec<AccessRow> {
     let aboard = |key: fn(&str) -> String| ABOARD.map(key).to_vec();
     let with_router = |key: fn(&str) -> String| [aboard(key), vec![key("router")]].concat();
     let advanced = |keys: &[String]| keys.iter().map(|key| keys::advanced(key)).collect::<Vec<_>>();
@@ -200,62 +200,62 @@ fn said() -> Vec<Row> {
     vec![
         one(
             &guidance(keys::telemetry),
-            eyes_and(HEAR, &[(Guidance, WRITE)]),
+            readers_and(HEAR, &[(Guidance, WRITE)]),
             "everything that guidance shows at a tick",
         ),
-        row(&telemetry, None, eyes(HEAR), "everything that a service shows at a tick"),
+        row(&telemetry, None, readers(HEAR), "everything that a service shows at a tick"),
         row(
             &[keys::advanced(&guidance(keys::telemetry))],
             Some(telemetry_all.clone()),
-            eyes_and(HEAR_AND_ASK, &[(Guidance, KEEP)]),
+            readers_and(HEAR_AND_ASK, &[(Guidance, KEEP)]),
             "guidance answers for what was missed",
         ),
-        row(&advanced(&telemetry), Some(telemetry_all), eyes(HEAR_AND_ASK), "what was missed can be asked for"),
-        one(&guidance(keys::event), eyes_and(HEAR, &[(Guidance, WRITE)]), "guidance writes its own history"),
+        row(&advanced(&telemetry), Some(telemetry_all), readers(HEAR_AND_ASK), "what was missed can be asked for"),
+        one(&guidance(keys::event), readers_and(HEAR, &[(Guidance, WRITE)]), "guidance writes its own history"),
         one(
             &keys::event("recorder"),
-            eyes_and(HEAR, &[(Recorder, WRITE_AND_HEAR)]),
+            readers_and(HEAR, &[(Recorder, WRITE_AND_HEAR)]),
             "a recorder writes its own history",
         ),
-        row(&event, None, eyes(HEAR), "what happened; nobody writes another's history"),
+        row(&event, None, readers(HEAR), "what happened; nobody writes another's history"),
         row(
             &[keys::advanced(&guidance(keys::event))],
             Some(event_all.clone()),
-            eyes_and(HEAR_AND_ASK, &[(Guidance, KEEP)]),
+            readers_and(HEAR_AND_ASK, &[(Guidance, KEEP)]),
             "guidance answers for what was missed",
         ),
         row(
             &[keys::advanced(&keys::event("recorder"))],
             Some(event_all.clone()),
-            eyes_and(HEAR_AND_ASK, &[(Recorder, KEEP_AND_READ)]),
+            readers_and(HEAR_AND_ASK, &[(Recorder, KEEP_AND_READ)]),
             "a recorder answers for what was missed",
         ),
-        row(&advanced(&event), Some(event_all), eyes(HEAR_AND_ASK), "what was missed can be asked for"),
-        one(&guidance(keys::health), eyes_and(HEAR, &[(Guidance, WRITE)]), "guidance's own counters"),
-        one(&keys::health("recorder"), eyes_and(HEAR, &[(Recorder, WRITE_AND_HEAR)]), "a recorder's own counters"),
-        row(&with_router(keys::health), None, eyes(HEAR), "counters, once a second"),
+        row(&advanced(&event), Some(event_all), readers(HEAR_AND_ASK), "what was missed can be asked for"),
+        one(&guidance(keys::health), readers_and(HEAR, &[(Guidance, WRITE)]), "guidance's own counters"),
+        one(&keys::health("recorder"), readers_and(HEAR, &[(Recorder, WRITE_AND_HEAR)]), "a recorder's own counters"),
+        row(&with_router(keys::health), None, readers(HEAR), "counters, once a second"),
         one(
             keys::LEASE_STATE,
-            eyes_and(HEAR_AND_ASK, &[(Guidance, HEAR_AND_ASK)]),
+            readers_and(HEAR_AND_ASK, &[(Guidance, HEAR_AND_ASK)]),
             "the services believe it: its keeper on the vehicle alone writes and answers it",
         ),
         row(
             &[state("guidance")],
             Some(state("*")),
-            eyes_and(HEAR_AND_ASK, &[(Guidance, SHOW)]),
+            readers_and(HEAR_AND_ASK, &[(Guidance, SHOW)]),
             "last commands, parameters, run and tick, as guidance knows them",
         ),
         row(
             &ABOARD.map(state),
             Some(state("*")),
-            eyes_and(HEAR_AND_ASK, &[(Guidance, ASK)]),
+            readers_and(HEAR_AND_ASK, &[(Guidance, ASK)]),
             "last commands, parameters, run and tick; guidance asks when it starts anew",
         ),
     ]
 }
 
 /// What is asked.
-fn asked() -> Vec<Row> {
+fn queried() -> Vec<AccessRow> {
     let command = |service: &str| keys::command(service, "*");
     let param = |service: &str| keys::param(service, "**");
     vec![
@@ -282,45 +282,50 @@ fn asked() -> Vec<Row> {
             "setting needs the lease; reading and setting are one key, others read the state called parameters",
         ),
         one(keys::LEASE, vec![(Operator, ASK)], "one operator at a time; the keeper on the vehicle decides"),
-        one(keys::PING, eyes(ASK), "clock offset and round trip"),
+        one(keys::PING, readers(ASK), "clock offset and round trip"),
     ]
 }
 
 /// Signs of life, and lock step.
-fn signs() -> Vec<Row> {
+fn liveliness() -> Vec<AccessRow> {
     let alive = |service: &str| keys::alive(service, "*");
     let family = Some(keys::alive("*", "*"));
     vec![
         row(
             &[keys::operator("*")],
             family.clone(),
-            eyes_and(HEAR_AND_ASK, &[(Operator, &[Subscribe, Get, Liveliness])]),
+            readers_and(HEAR_AND_ASK, &[(Operator, &[Subscribe, Get, Liveliness])]),
             "a lease ends with its holder's sign of life",
         ),
         row(
             &[alive("guidance")],
             family.clone(),
-            eyes_and(HEAR_AND_ASK, &[(Guidance, LIVE)]),
+            readers_and(HEAR_AND_ASK, &[(Guidance, LIVE)]),
             "guidance shows that it is up",
         ),
         row(
             &[alive("recorder")],
             family.clone(),
-            eyes_and(HEAR_AND_ASK, &[(Recorder, &[Subscribe, Get, Liveliness])]),
+            readers_and(HEAR_AND_ASK, &[(Recorder, &[Subscribe, Get, Liveliness])]),
             "a recorder shows that it is up",
         ),
         row(
             &ABOARD.into_iter().chain(["router"]).map(alive).collect::<Vec<_>>(),
             family,
-            eyes(HEAR_AND_ASK),
+            readers(HEAR_AND_ASK),
             "who is up",
         ),
         one(
             &keys::stop("guidance"),
-            eyes_and(HEAR, &[(Guidance, WRITE_AND_HEAR)]),
+            readers_and(HEAR, &[(Guidance, WRITE_AND_HEAR)]),
             "lock step: guidance may end the run",
         ),
-        row(&ABOARD.map(keys::stop), None, eyes_and(HEAR, &[(Guidance, HEAR)]), "lock step: the run is over, and why"),
+        row(
+            &ABOARD.map(keys::stop),
+            None,
+            readers_and(HEAR, &[(Guidance, HEAR)]),
+            "lock step: the run is over, and why",
+        ),
         one(&keys::witness("*"), vec![(Recorder, WRITE_AND_HEAR)], "lock step: receipts that the ring waits for"),
         one(UNLISTED, Vec::new(), "whatever else: the vehicle's own services only"),
     ]
@@ -334,7 +339,7 @@ pub const COLUMNS: [Role; 5] = [Role::Vehicle, Guidance, Operator, Observer, Rec
 
 /// Letters of the verbs, in their order; a dot where it may not.
 #[must_use]
-pub fn letters(row: &Row, role: Role) -> String {
+pub fn letters(row: &AccessRow, role: Role) -> String {
     let letter = |verb: Verb| match verb {
         Put => 'P',
         Subscribe => 'S',
@@ -350,8 +355,8 @@ pub fn letters(row: &Row, role: Role) -> String {
 mod tests {
     use super::*;
 
-    fn rights(key: &str) -> Row {
-        let covers = |row: &Row| row.keys.iter().any(|pattern| pattern == key);
+    fn rights(key: &str) -> AccessRow {
+        let covers = |row: &AccessRow| row.keys.iter().any(|pattern| pattern == key);
         matrix().into_iter().find(covers).unwrap_or_else(|| panic!("no row for {key}"))
     }
 

@@ -64,7 +64,7 @@ pub enum Answer {
 
 /// A command that waits for its tick.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Waiting<C> {
+pub struct ScheduledCommand<C> {
     /// The command.
     pub command: C,
     /// Who asked for it, or nobody for the mission.
@@ -73,9 +73,9 @@ pub struct Waiting<C> {
     pub name: String,
 }
 
-/// What the desk did.
+/// What the queue did.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-pub struct DeskCounts {
+pub struct CommandCounts {
     /// Requests that were scheduled.
     pub scheduled: u64,
     /// Requests that were refused.
@@ -87,7 +87,7 @@ pub struct DeskCounts {
 }
 
 #[derive(Clone, Debug)]
-struct Remembered {
+struct LastRequest {
     lease: u64,
     seq: u64,
     body: u64,
@@ -95,18 +95,18 @@ struct Remembered {
     at: Duration,
 }
 
-/// The desk of one service.
+/// Commands of one service that wait for their tick.
 #[derive(Clone, Debug)]
-pub struct Desk<C> {
-    clients: BTreeMap<String, Remembered>,
-    waiting: BTreeMap<u64, Vec<Waiting<C>>>,
+pub struct CommandQueue<C> {
+    clients: BTreeMap<String, LastRequest>,
+    waiting: BTreeMap<u64, Vec<ScheduledCommand<C>>>,
     /// What it did.
-    pub counts: DeskCounts,
+    pub counts: CommandCounts,
 }
 
 /// The moment of a request: the wall, the next tick, its length, and how far ahead commands are scheduled.
 #[derive(Clone, Copy, Debug)]
-pub struct Moment {
+pub struct RequestTime {
     /// The host's clock.
     pub now: Duration,
     /// The next tick.
@@ -117,16 +117,16 @@ pub struct Moment {
     pub lead: u64,
 }
 
-impl<C: Serialize + DeserializeOwned + Clone> Desk<C> {
+impl<C: Serialize + DeserializeOwned + Clone> CommandQueue<C> {
     /// With the commands of a mission.
     #[must_use]
     pub fn new(mission: &[(u64, C)]) -> Self {
-        let mut waiting: BTreeMap<u64, Vec<Waiting<C>>> = BTreeMap::new();
+        let mut waiting: BTreeMap<u64, Vec<ScheduledCommand<C>>> = BTreeMap::new();
         for (tick, command) in mission {
             let name = name_of(command);
-            waiting.entry(*tick).or_default().push(Waiting { command: command.clone(), by: None, name });
+            waiting.entry(*tick).or_default().push(ScheduledCommand { command: command.clone(), by: None, name });
         }
-        Self { clients: BTreeMap::new(), waiting, counts: DeskCounts::default() }
+        Self { clients: BTreeMap::new(), waiting, counts: CommandCounts::default() }
     }
 
     /// Takes a request for the command `name`; `attempt` tries it on a copy of the block.
@@ -135,7 +135,7 @@ impl<C: Serialize + DeserializeOwned + Clone> Desk<C> {
         name: &str,
         payload: &[u8],
         lease: &LeaseView,
-        moment: Moment,
+        moment: RequestTime,
         attempt: impl FnOnce(&C) -> Result<(), Refusal>,
     ) -> Answer {
         let refused = |seq: u64, reason: String| Answer::Refused { seq, reason };
@@ -177,7 +177,7 @@ impl<C: Serialize + DeserializeOwned + Clone> Desk<C> {
         };
         if !emergency {
             let (seq, at) = (request.seq, moment.now);
-            self.remember(request.client, Remembered { lease: lease_number, seq, body, answer: answer.clone(), at });
+            self.remember(request.client, LastRequest { lease: lease_number, seq, body, answer: answer.clone(), at });
         }
         answer
     }
@@ -187,7 +187,7 @@ impl<C: Serialize + DeserializeOwned + Clone> Desk<C> {
         name: &str,
         request: &Request,
         emergency: bool,
-        moment: Moment,
+        moment: RequestTime,
         attempt: impl FnOnce(&C) -> Result<(), Refusal>,
     ) -> Result<(u64, bool), String> {
         let command = build(name, request.value.clone())?;
@@ -212,11 +212,15 @@ impl<C: Serialize + DeserializeOwned + Clone> Desk<C> {
             return Err(format!("{MAX_WAITING} commands wait already"));
         }
         let by = Some(CommandSource { client: request.client.clone(), seq: Some(request.seq) });
-        self.waiting.entry(tick).or_default().push(Waiting { command, by, name: name_of_request(name, request) });
+        self.waiting.entry(tick).or_default().push(ScheduledCommand {
+            command,
+            by,
+            name: name_of_request(name, request),
+        });
         Ok((tick, true))
     }
 
-    fn remember(&mut self, client: String, what: Remembered) {
+    fn remember(&mut self, client: String, what: LastRequest) {
         if self.clients.len() >= MAX_CLIENTS && !self.clients.contains_key(&client) {
             let oldest = self.clients.iter().min_by_key(|(_, known)| known.at).map(|(name, _)| name.clone());
             oldest.map(|name| self.clients.remove(&name));
@@ -233,12 +237,12 @@ impl<C: Serialize + DeserializeOwned + Clone> Desk<C> {
         let by = Some(CommandSource { client: client.to_owned(), seq: None });
         let waiting = self.waiting.entry(next).or_default();
         waiting.retain(|other| other.name != name || other.by != by);
-        waiting.push(Waiting { command, by, name: name.to_owned() });
+        waiting.push(ScheduledCommand { command, by, name: name.to_owned() });
         Ok(())
     }
 
     /// The commands that apply at tick `k`, in the order in which they came.
-    pub fn due(&mut self, k: u64) -> Vec<Waiting<C>> {
+    pub fn due(&mut self, k: u64) -> Vec<ScheduledCommand<C>> {
         if self.waiting.first_key_value().is_none_or(|(tick, _)| *tick > k) {
             return Vec::new();
         }
@@ -312,12 +316,12 @@ mod tests {
         authority.view().clone()
     }
 
-    fn moment(next: u64) -> Moment {
-        Moment { now: NOW, next, tick_s: 0.02, lead: 3 }
+    fn request_time(next: u64) -> RequestTime {
+        RequestTime { now: NOW, next, tick_s: 0.02, lead: 3 }
     }
 
-    fn ask(desk: &mut Desk<GuidanceCommand>, name: &str, body: &Value) -> Answer {
-        desk.submit(name, body.to_string().as_bytes(), &lease(), moment(10), |command| match command {
+    fn ask(queue: &mut CommandQueue<GuidanceCommand>, name: &str, body: &Value) -> Answer {
+        queue.submit(name, body.to_string().as_bytes(), &lease(), request_time(10), |command| match command {
             GuidanceCommand::DepthM(setpoint) => setpoint.check("depth_m", 0.0, 14.0),
             _ => Ok(()),
         })
@@ -332,23 +336,23 @@ mod tests {
 
     #[test]
     fn a_request_is_scheduled_once_however_often_it_comes() {
-        let mut desk = Desk::new(&[]);
+        let mut queue = CommandQueue::new(&[]);
         let body = json!({"client": "anna", "seq": 1, "token": "t", "value": 5.0});
-        let first = ask(&mut desk, "depth_m", &body);
+        let first = ask(&mut queue, "depth_m", &body);
         assert_eq!(first, Answer::Scheduled { seq: 1, apply_tick: 13, tick: 10 });
-        assert_eq!(ask(&mut desk, "depth_m", &body), first);
-        assert_eq!(desk.waiting(), 1);
-        assert!(desk.due(12).is_empty());
-        assert_eq!(desk.due(13).len(), 1);
-        assert_eq!(desk.waiting(), 0);
-        assert!(reason(ask(&mut desk, "speed_m_per_s", &body)).contains("seq = 1: must be greater than 1"));
+        assert_eq!(ask(&mut queue, "depth_m", &body), first);
+        assert_eq!(queue.waiting(), 1);
+        assert!(queue.due(12).is_empty());
+        assert_eq!(queue.due(13).len(), 1);
+        assert_eq!(queue.waiting(), 0);
+        assert!(reason(ask(&mut queue, "speed_m_per_s", &body)).contains("seq = 1: must be greater than 1"));
         let old = json!({"client": "anna", "seq": 0, "token": "t", "value": 6.0});
-        assert!(reason(ask(&mut desk, "depth_m", &old)).contains("must be greater"));
+        assert!(reason(ask(&mut queue, "depth_m", &old)).contains("must be greater"));
     }
 
     #[test]
     fn what_may_not_be_is_refused_with_its_reason_and_changes_nothing() {
-        let mut desk = Desk::new(&[]);
+        let mut queue = CommandQueue::new(&[]);
         let good = json!({"client": "anna", "seq": 1, "token": "t", "value": 5.0});
         let with = |name: &str, value: Value| {
             let mut body = good.clone();
@@ -368,21 +372,21 @@ mod tests {
             ("dive", good.clone(), "unknown variant"),
             ("mode", with("value", json!("sideways")), "unknown variant"),
         ] {
-            let reason = reason(ask(&mut desk, name, &body));
+            let reason = reason(ask(&mut queue, name, &body));
             assert!(reason.contains(says), "{name} {body}: {reason}");
         }
         let huge = "x".repeat(MAX_REQUEST + 1);
-        let answer = desk.submit("depth_m", huge.as_bytes(), &lease(), moment(10), |_| Ok(()));
+        let answer = queue.submit("depth_m", huge.as_bytes(), &lease(), request_time(10), |_| Ok(()));
         assert!(reason(answer).contains("at most"));
-        assert_eq!((desk.waiting(), desk.counts.scheduled), (0, 0));
+        assert_eq!((queue.waiting(), queue.counts.scheduled), (0, 0));
     }
 
     #[test]
     fn everybody_may_demand_neutral_and_only_the_holder_may_end_it() {
-        let mut desk: Desk<ControllerCommand> = Desk::new(&[]);
+        let mut queue: CommandQueue<ControllerCommand> = CommandQueue::new(&[]);
         let mut ask = |value: bool| {
             let body = json!({"client": "passer-by", "seq": 1, "value": value});
-            desk.submit("neutral", body.to_string().as_bytes(), &LeaseView::default(), moment(10), |_| Ok(()))
+            queue.submit("neutral", body.to_string().as_bytes(), &LeaseView::default(), request_time(10), |_| Ok(()))
         };
         assert!(reason(ask(false)).contains("nobody holds"));
         assert_eq!(ask(true), Answer::Scheduled { seq: 1, apply_tick: 10, tick: 10 });
@@ -391,19 +395,19 @@ mod tests {
     #[test]
     fn a_mission_waits_for_its_ticks() {
         let mission = [(5, GuidanceCommand::DepthM(supertwin_core::command::Setpoint::Constant(2.0)))];
-        let mut desk = Desk::new(&mission);
-        assert!(desk.due(4).is_empty());
-        let due = desk.due(7);
+        let mut queue = CommandQueue::new(&mission);
+        assert!(queue.due(4).is_empty());
+        let due = queue.due(7);
         assert_eq!((due.len(), &due[0].by, due[0].name.as_str()), (1, &None, "depth_m"));
     }
 
     #[test]
     fn a_cry_for_help_is_heard_every_time_and_locks_nobody_out() {
-        let mut desk: Desk<ControllerCommand> = Desk::new(&[]);
+        let mut queue: CommandQueue<ControllerCommand> = CommandQueue::new(&[]);
         let mut ask = |seq: u64, token: &str, value: bool, next: u64| {
             let body = json!({"client": "anna", "seq": seq, "token": token, "value": value});
-            let answer = desk.submit("neutral", body.to_string().as_bytes(), &lease(), moment(next), |_| Ok(()));
-            let due = desk.due(next + 3).len();
+            let answer = queue.submit("neutral", body.to_string().as_bytes(), &lease(), request_time(next), |_| Ok(()));
+            let due = queue.due(next + 3).len();
             (matches!(answer, Answer::Scheduled { .. }), due)
         };
         assert_eq!(ask(1, "", true, 10), (true, 1));
@@ -415,10 +419,10 @@ mod tests {
 
     #[test]
     fn numbers_begin_anew_with_every_lease() {
-        let mut desk: Desk<GuidanceCommand> = Desk::new(&[]);
+        let mut queue: CommandQueue<GuidanceCommand> = CommandQueue::new(&[]);
         for (token, granted) in [("t", true), ("other", false)] {
             let body = json!({"client": "anna", "seq": 1, "token": token, "value": "neutral"});
-            let answer = desk.submit("mode", body.to_string().as_bytes(), &lease(), moment(10), |_| Ok(()));
+            let answer = queue.submit("mode", body.to_string().as_bytes(), &lease(), request_time(10), |_| Ok(()));
             assert_eq!(matches!(answer, Answer::Scheduled { .. }), granted);
             assert!(granted || reason(answer).contains("wrong token"), "refused for its token, not for its number");
         }
@@ -426,29 +430,29 @@ mod tests {
 
     #[test]
     fn memory_is_bounded_however_many_clients_come() {
-        let mut desk: Desk<ControllerCommand> = Desk::new(&[]);
+        let mut queue: CommandQueue<ControllerCommand> = CommandQueue::new(&[]);
         for i in 0..1000 {
             let client = format!("c{i}");
             let body = json!({"client": client, "seq": 1, "token": "t", "value": false});
-            desk.submit("neutral", body.to_string().as_bytes(), &lease_of(&client), moment(10), |_| Ok(()));
-            desk.due(13);
+            queue.submit("neutral", body.to_string().as_bytes(), &lease_of(&client), request_time(10), |_| Ok(()));
+            queue.due(13);
         }
-        assert_eq!((desk.clients.len(), desk.counts.scheduled), (MAX_CLIENTS, 1000));
+        assert_eq!((queue.clients.len(), queue.counts.scheduled), (MAX_CLIENTS, 1000));
         for i in 0..1000 {
             let body = json!({"client": format!("c{i}"), "seq": 1, "value": true});
-            desk.submit("neutral", body.to_string().as_bytes(), &LeaseView::default(), moment(20), |_| Ok(()));
+            queue.submit("neutral", body.to_string().as_bytes(), &LeaseView::default(), request_time(20), |_| Ok(()));
         }
-        assert_eq!(desk.waiting(), 1, "a thousand cries before a tick are one");
+        assert_eq!(queue.waiting(), 1, "a thousand cries before a tick are one");
     }
 
     proptest! {
         #[test]
         fn no_bytes_make_a_command_without_authority(payload: Vec<u8>, name in "[a-z_]{1,12}") {
-            let mut desk: Desk<GuidanceCommand> = Desk::new(&[]);
-            let answer = desk.submit(&name, &payload, &LeaseView::default(), moment(3), |_| Ok(()));
+            let mut queue: CommandQueue<GuidanceCommand> = CommandQueue::new(&[]);
+            let answer = queue.submit(&name, &payload, &LeaseView::default(), request_time(3), |_| Ok(()));
             let refused = matches!(answer, Answer::Refused { .. });
             prop_assert!(refused);
-            prop_assert_eq!(desk.waiting(), 0);
+            prop_assert_eq!(queue.waiting(), 0);
         }
     }
 }

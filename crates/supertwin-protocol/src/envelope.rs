@@ -46,7 +46,7 @@ fn is_false(flag: &bool) -> bool {
 
 /// A sample that was heard.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Heard {
+pub struct Received {
     /// Its full key.
     pub key: String,
     /// Its bytes.

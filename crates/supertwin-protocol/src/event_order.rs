@@ -3,7 +3,7 @@
 //! An advanced subscriber recovers what the network lost; but an event that arrives while it still waits for the
 //! history makes it leave the beginning out. The service keeps its last events, so they can be asked for.
 
-use crate::envelope::{Envelope, Heard, decode};
+use crate::envelope::{Envelope, Received, decode};
 use serde::de::IgnoredAny;
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
@@ -20,21 +20,21 @@ const QUESTIONS: u32 = 5;
 #[derive(Debug)]
 struct Line {
     next: u64,
-    held: BTreeMap<u64, Heard>,
+    held: BTreeMap<u64, Received>,
     due: Duration,
     asked: u32,
 }
 
 /// Puts events in order.
 #[derive(Debug, Default)]
-pub struct InOrder {
+pub struct EventOrder {
     lines: BTreeMap<(String, String), Line>,
-    ready: VecDeque<Heard>,
+    ready: VecDeque<Received>,
 }
 
-impl InOrder {
+impl EventOrder {
     /// Takes an event.
-    pub fn push(&mut self, heard: Heard, now: Duration) {
+    pub fn push(&mut self, heard: Received, now: Duration) {
         let header = decode::<IgnoredAny>(&heard.payload).ok();
         let Some((source, seq)) = header.map(|event: Envelope<'_, IgnoredAny>| (event.source.into_owned(), event.seq))
         else {
@@ -67,7 +67,7 @@ impl InOrder {
         Self::release(line, &mut self.ready);
     }
 
-    fn release(line: &mut Line, ready: &mut VecDeque<Heard>) {
+    fn release(line: &mut Line, ready: &mut VecDeque<Received>) {
         while let Some(heard) = line.held.remove(&line.next) {
             ready.push_back(heard);
             line.next = line.next.saturating_add(1);
@@ -75,7 +75,7 @@ impl InOrder {
     }
 
     /// The next event.
-    pub fn pop(&mut self) -> Option<Heard> {
+    pub fn pop(&mut self) -> Option<Received> {
         self.ready.pop_front()
     }
 
@@ -109,18 +109,18 @@ impl InOrder {
 mod tests {
     use super::*;
 
-    fn event(seq: u64) -> Heard {
+    fn event(seq: u64) -> Received {
         let payload = format!(r#"{{"source":"a","tick":0,"seq":{seq},"data":{{}}}}"#).into_bytes();
-        Heard { key: "event/plant".to_owned(), payload, gone: false, at: Duration::from_secs(seq) }
+        Received { key: "event/plant".to_owned(), payload, gone: false, at: Duration::from_secs(seq) }
     }
 
-    fn numbers(order: &mut InOrder) -> Vec<u64> {
+    fn numbers(order: &mut EventOrder) -> Vec<u64> {
         std::iter::from_fn(|| order.pop()).map(|heard| heard.at.as_secs()).collect()
     }
 
     #[test]
     fn each_comes_once_and_in_order_whatever_the_network_does() {
-        let mut order = InOrder::default();
+        let mut order = EventOrder::default();
         for seq in [2, 2, 1, 5, 3, 4, 4, 1] {
             order.push(event(seq), Duration::ZERO);
         }
@@ -130,7 +130,7 @@ mod tests {
 
     #[test]
     fn a_gap_is_asked_for_and_accepted_in_the_end() {
-        let mut order = InOrder::default();
+        let mut order = EventOrder::default();
         order.push(event(3), Duration::ZERO);
         assert!(numbers(&mut order).is_empty());
         let mut questions = 0;

@@ -1,6 +1,6 @@
 //! The counters of a service and of each of its inputs.
 
-use crate::command_queue::DeskCounts;
+use crate::command_queue::CommandCounts;
 use crate::ledger::Counts;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -66,7 +66,7 @@ pub struct Health {
     /// Inputs by key.
     pub inputs: BTreeMap<String, InputHealth>,
     /// Requests.
-    pub commands: DeskCounts,
+    pub commands: CommandCounts,
     /// Streaming set-points taken and refused.
     pub setpoints: [u64; 2],
     /// Messages and requests that did not fit into the mailbox.

@@ -32,7 +32,7 @@ pub struct Counts {
 
 /// What a sequence number means.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Verdict {
+pub enum SequenceCheck {
     /// Not seen before; `gap` numbers were jumped over.
     New {
         /// How many.
@@ -99,19 +99,19 @@ impl Ledger {
     }
 
     /// Enters a message.
-    pub fn enter(&mut self, source: &str, seq: u64, now: Duration) -> Verdict {
+    pub fn enter(&mut self, source: &str, seq: u64, now: Duration) -> SequenceCheck {
         if self.source != source {
             let alive = !self.source.is_empty() && now.saturating_sub(self.heard_at) < self.silence;
             if alive {
                 self.counts.rivals += 1;
-                return Verdict::Rival;
+                return SequenceCheck::Rival;
             }
             let first = self.source.is_empty();
             source.clone_into(&mut self.source);
             (self.first_seq, self.last_seq, self.window, self.heard_at) = (seq, seq, 1, now);
             self.counts.received += 1;
             self.counts.takeovers += u64::from(!first);
-            return if first { Verdict::New { gap: 0 } } else { Verdict::Takeover };
+            return if first { SequenceCheck::New { gap: 0 } } else { SequenceCheck::Takeover };
         }
         self.heard_at = now;
         if seq > self.last_seq {
@@ -120,7 +120,7 @@ impl Ledger {
             self.last_seq = seq;
             self.counts.received += 1;
             self.counts.missing = self.counts.missing.saturating_add(ahead - 1);
-            return Verdict::New { gap: ahead - 1 };
+            return SequenceCheck::New { gap: ahead - 1 };
         }
         let behind = self.last_seq - seq;
         if seq >= self.first_seq && behind < WINDOW && self.window & (1 << behind) == 0 {
@@ -128,17 +128,17 @@ impl Ledger {
             self.window |= 1 << behind;
             self.counts.received += 1;
             self.counts.missing = self.counts.missing.saturating_sub(1);
-            return Verdict::New { gap: 0 };
+            return SequenceCheck::New { gap: 0 };
         }
         if behind >= WINDOW {
             // Nobody repeats what is this old: the writer counts anew, or somebody has forged a number. The message's
             // tick decides whether it is news.
             (self.first_seq, self.last_seq, self.window) = (seq, seq, 1);
             self.counts.received += 1;
-            return Verdict::New { gap: 0 };
+            return SequenceCheck::New { gap: 0 };
         }
         self.counts.duplicates += 1;
-        Verdict::Duplicate
+        SequenceCheck::Duplicate
     }
 }
 
@@ -185,8 +185,8 @@ mod tests {
     fn a_forged_number_does_not_deafen() {
         let mut ledger = Ledger::new(Duration::from_secs(1));
         for seq in [1, 2, u64::MAX, 3] {
-            let verdict = ledger.enter("a", seq, Duration::ZERO);
-            assert!(matches!(verdict, Verdict::New { .. }), "{seq}: {verdict:?}");
+            let check = ledger.enter("a", seq, Duration::ZERO);
+            assert!(matches!(check, SequenceCheck::New { .. }), "{seq}: {check:?}");
         }
         assert_eq!(ledger.range(), [3, 3]);
     }
@@ -195,14 +195,14 @@ mod tests {
     fn a_second_writer_waits_until_the_first_is_silent() {
         let mut ledger = Ledger::new(Duration::from_millis(60));
         let ms = Duration::from_millis;
-        assert_eq!(ledger.enter("a", 1, ms(0)), Verdict::New { gap: 0 });
-        assert_eq!(ledger.enter("b", 1, ms(20)), Verdict::Rival);
-        assert_eq!(ledger.enter("a", 2, ms(40)), Verdict::New { gap: 0 });
-        assert_eq!(ledger.enter("b", 2, ms(101)), Verdict::Takeover);
-        assert_eq!(ledger.enter("a", 3, ms(102)), Verdict::Rival);
+        assert_eq!(ledger.enter("a", 1, ms(0)), SequenceCheck::New { gap: 0 });
+        assert_eq!(ledger.enter("b", 1, ms(20)), SequenceCheck::Rival);
+        assert_eq!(ledger.enter("a", 2, ms(40)), SequenceCheck::New { gap: 0 });
+        assert_eq!(ledger.enter("b", 2, ms(101)), SequenceCheck::Takeover);
+        assert_eq!(ledger.enter("a", 3, ms(102)), SequenceCheck::Rival);
         assert_eq!((ledger.counts.rivals, ledger.counts.takeovers), (2, 1));
         // A reader that was held up itself lets nobody in for it.
         ledger.forgive(ms(500), ms(602));
-        assert_eq!(ledger.enter("a", 4, ms(620)), Verdict::Rival);
+        assert_eq!(ledger.enter("a", 4, ms(620)), SequenceCheck::Rival);
     }
 }

@@ -50,7 +50,7 @@ pub mod schema;
 pub mod telemetry;
 
 pub use clock::{Clock, SystemClock};
-pub use envelope::{Envelope, Heard, decode, encode, head};
+pub use envelope::{Envelope, Received, decode, encode, head};
 pub use fault::FaultRates;
 pub use health::{Health, InputHealth};
 pub use role::{Role, Scope};

@@ -64,15 +64,15 @@ impl Serialize for Used {
 
 /// The signals that a block has shown so far: what a recorder needs to know of them beside their numbers.
 #[derive(Debug, Default)]
-pub struct Shelf {
+pub struct SignalList {
     known: Vec<&'static Signal>,
     cursor: usize,
     grown: bool,
 }
 
-impl Shelf {
+impl SignalList {
     /// Looks at what a block shows; true when something is there for the first time.
-    pub fn look<B: Block>(&mut self, block: &B, out: &B::Out) -> bool {
+    pub fn update<B: Block>(&mut self, block: &B, out: &B::Out) -> bool {
         (self.cursor, self.grown) = (0, false);
         block.observe(self);
         out.observe(self);
@@ -84,7 +84,7 @@ impl Shelf {
         self.known.iter().map(|signal| Description::of(signal)).collect()
     }
 
-    fn see(&mut self, signal: &'static Signal) {
+    fn add(&mut self, signal: &'static Signal) {
         // Signals are shown in the same order at every tick: mostly the next one is it.
         let (before, after) = self.known.split_at(self.cursor.min(self.known.len()));
         let is_it = |known: &&'static Signal| std::ptr::eq(*known, signal);
@@ -100,12 +100,12 @@ impl Shelf {
     }
 }
 
-impl Probe for Shelf {
+impl Probe for SignalList {
     fn vector(&mut self, signal: &'static Signal, _: &[f64]) {
-        self.see(signal);
+        self.add(signal);
     }
     fn label(&mut self, signal: &'static Signal, _: &'static str) {
-        self.see(signal);
+        self.add(signal);
     }
 }
 
@@ -139,7 +139,7 @@ impl Description<'static> {
 }
 
 fn signals<B: Block, S: Serializer>(shown: &(&B, &B::Out), serializer: S) -> Result<S::Ok, S::Error> {
-    let mut probe = MapProbe { map: serializer.serialize_map(None)?, failed: None };
+    let mut probe = SignalMapWriter { map: serializer.serialize_map(None)?, failed: None };
     shown.0.observe(&mut probe);
     shown.1.observe(&mut probe);
     match probe.failed {
@@ -148,12 +148,12 @@ fn signals<B: Block, S: Serializer>(shown: &(&B, &B::Out), serializer: S) -> Res
     }
 }
 
-struct MapProbe<M: SerializeMap> {
+struct SignalMapWriter<M: SerializeMap> {
     map: M,
     failed: Option<M::Error>,
 }
 
-impl<M: SerializeMap> MapProbe<M> {
+impl<M: SerializeMap> SignalMapWriter<M> {
     fn entry(&mut self, path: &'static str, value: &(impl Serialize + ?Sized)) {
         if self.failed.is_none() {
             self.failed = self.map.serialize_entry(path, value).err();
@@ -161,7 +161,7 @@ impl<M: SerializeMap> MapProbe<M> {
     }
 }
 
-impl<M: SerializeMap> Probe for MapProbe<M> {
+impl<M: SerializeMap> Probe for SignalMapWriter<M> {
     fn vector(&mut self, signal: &'static Signal, values: &[f64]) {
         if values.iter().all(|x| x.is_finite()) {
             self.entry(signal.path, values);

@@ -1,7 +1,7 @@
 //! The protocol on Zenoh: sessions, mailbox and outbox, a host for any block, routers, clients and witnesses.
 //!
 //! ```text
-//! callbacks ─▶ Mailbox ─▶ Engine ─▶ Host<B>: Ledger, Port, Desk, Authority ─▶ B::step ─▶ wire
+//! callbacks ─▶ Mailbox ─▶ Engine ─▶ Host<B>: Ledger, Port, CommandQueue, Authority ─▶ B::step ─▶ wire
 //!                                                                         └─▶ Outbox ─▶ telemetry, events, health
 //! ```
 //!
@@ -26,8 +26,8 @@ pub mod host;
 pub mod mailbox;
 mod outbox;
 pub mod router;
+pub mod service_publisher;
 pub mod session;
-pub mod voice;
 pub mod watch;
 pub mod witness;
 mod zenoh_log;
@@ -37,8 +37,8 @@ pub use engine::{Engine, Finished};
 pub use host::{Ending, Host, HostOptions, Pace};
 pub use mailbox::Mailbox;
 pub use router::Router;
+pub use service_publisher::ServicePublisher;
 pub use session::{Link, LinkError, close, unique};
-pub use voice::Voice;
 pub use watch::{Inbox, Interrupter, Presence};
 pub use witness::{Receipts, WitnessError, WitnessOptions, witness};
 

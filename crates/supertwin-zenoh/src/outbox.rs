@@ -18,13 +18,13 @@ use zenoh_ext::{AdvancedPublisher, AdvancedPublisherBuilderExt, CacheConfig, Mis
 /// Telemetry that may wait; what is older goes, and is counted.
 const TELEMETRY: usize = 64;
 /// Everything else that may wait.
-const LETTERS: usize = 4096;
+const OUTGOING: usize = 4096;
 /// How often a service says which event was its last: who was away when it was sent finds out by this.
 const HEARTBEAT: Duration = Duration::from_millis(500);
 
 /// Something to send.
 #[derive(Debug)]
-pub(crate) enum Letter {
+pub(crate) enum Outgoing {
     /// An event.
     Event(Vec<u8>),
     /// Counters.
@@ -40,9 +40,9 @@ pub(crate) enum Letter {
 #[derive(Debug, Default)]
 struct Queues {
     telemetry: VecDeque<(usize, Vec<u8>)>,
-    letters: VecDeque<Letter>,
+    outgoing: VecDeque<Outgoing>,
     telemetry_dropped: u64,
-    letters_dropped: u64,
+    others_dropped: u64,
     closing: bool,
 }
 
@@ -70,15 +70,15 @@ pub(crate) struct Outbox {
 pub(crate) struct Slot(Arc<Shared>);
 
 impl Slot {
-    /// Hands over a letter; never waits.
-    pub(crate) fn send(&self, letter: Letter) {
+    /// Hands a message over; never waits.
+    pub(crate) fn send(&self, message: Outgoing) {
         let mut queues = self.0.lock();
         // Events are numbered already: one that is dropped here could never be recovered.
-        if queues.letters.len() >= LETTERS && !matches!(letter, Letter::Event(_)) {
-            queues.letters_dropped += 1;
+        if queues.outgoing.len() >= OUTGOING && !matches!(message, Outgoing::Event(_)) {
+            queues.others_dropped += 1;
             return;
         }
-        queues.letters.push_back(letter);
+        queues.outgoing.push_back(message);
         drop(queues);
         self.0.filled.notify_one();
     }
@@ -161,9 +161,9 @@ impl Outbox {
         Slot(Arc::clone(&self.shared))
     }
 
-    /// Hands over a letter; never waits.
-    pub(crate) fn send(&self, letter: Letter) {
-        self.slot().send(letter);
+    /// Hands a message over; never waits.
+    pub(crate) fn send(&self, message: Outgoing) {
+        self.slot().send(message);
     }
 
     /// Hands over telemetry for the `i`-th key; never waits. When the queue is full the oldest goes.
@@ -178,10 +178,10 @@ impl Outbox {
         self.shared.filled.notify_one();
     }
 
-    /// What did not fit: telemetry, letters.
+    /// What did not fit: telemetry, everything else.
     pub(crate) fn dropped(&self) -> (u64, u64) {
         let queues = self.shared.lock();
-        (queues.telemetry_dropped, queues.letters_dropped)
+        (queues.telemetry_dropped, queues.others_dropped)
     }
 }
 
@@ -199,9 +199,9 @@ impl Drop for Outbox {
 fn send_all(shared: &Shared, mut sender: Sender) {
     loop {
         let mut queues = shared.lock();
-        let (letters, telemetry) = loop {
-            if !queues.letters.is_empty() || !queues.telemetry.is_empty() {
-                break (core::mem::take(&mut queues.letters), core::mem::take(&mut queues.telemetry));
+        let (outgoing, telemetry) = loop {
+            if !queues.outgoing.is_empty() || !queues.telemetry.is_empty() {
+                break (core::mem::take(&mut queues.outgoing), core::mem::take(&mut queues.telemetry));
             }
             if queues.closing {
                 return;
@@ -209,8 +209,8 @@ fn send_all(shared: &Shared, mut sender: Sender) {
             queues = shared.filled.wait(queues).unwrap_or_else(PoisonError::into_inner);
         };
         drop(queues);
-        for letter in letters {
-            sender.letter(letter);
+        for message in outgoing {
+            sender.message(message);
         }
         for (i, payload) in telemetry {
             // A put that does not get through is visible to every receiver as a gap in the sequence numbers.
@@ -220,16 +220,16 @@ fn send_all(shared: &Shared, mut sender: Sender) {
 }
 
 impl Sender {
-    fn letter(&mut self, letter: Letter) {
+    fn message(&mut self, message: Outgoing) {
         // What fails here fails because the session is closing; receivers see gaps, clients see no answer.
-        match letter {
-            Letter::Event(payload) => {
+        match message {
+            Outgoing::Event(payload) => {
                 let _ = self.events.put(payload).wait();
             }
-            Letter::Health(payload) => {
+            Outgoing::Health(payload) => {
                 let _ = self.health.put(payload).wait();
             }
-            Letter::State(name, payload) => {
+            Outgoing::State(name, payload) => {
                 let name = if name.contains('/') { name } else { keys::state(self.service, &name) };
                 let key = format!("{}{name}", self.root);
                 let _ = self
@@ -242,14 +242,14 @@ impl Sender {
                     .wait();
                 self.states.insert(key, payload);
             }
-            Letter::Answer(query, key, answer) => {
+            Outgoing::Answer(query, key, answer) => {
                 let key = key.unwrap_or_else(|| query.key_expr().as_str().to_owned());
                 let _ = match answer {
                     Ok(payload) => query.reply(key, payload).encoding(Encoding::APPLICATION_JSON).wait(),
                     Err(payload) => query.reply_err(payload).encoding(Encoding::APPLICATION_JSON).wait(),
                 };
             }
-            Letter::StateQuery(query) => {
+            Outgoing::StateQuery(query) => {
                 for (key, payload) in &self.states {
                     let Ok(key) = zenoh::key_expr::KeyExpr::try_from(key.clone()) else { continue };
                     if query.key_expr().intersects(&key) {

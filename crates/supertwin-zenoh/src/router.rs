@@ -139,12 +139,13 @@ impl Gate {
         settings["listen"]["endpoints"] = json!(kept);
         let stop = Arc::new((Mutex::new(false), Condvar::new()));
         let stopped = Arc::clone(&stop);
-        let mut keeper = Keeper { settings, files, certificate, clock, loaded, session, said: Standing::Valid, say };
+        let mut watcher =
+            CertificateWatcher { settings, files, certificate, clock, loaded, session, reported: Standing::Valid, say };
         let thread = std::thread::spawn(move || {
             while !wait(&stopped, LOOK) {
-                keeper.look(&stopped);
+                watcher.check(&stopped);
             }
-            session::close(&keeper.session);
+            session::close(&watcher.session);
         });
         Ok(Self { places, stop, thread: Some(thread) })
     }
@@ -168,19 +169,19 @@ fn wait((stop, changed): &(Mutex<bool>, Condvar), span: Duration) -> bool {
     *guard
 }
 
-struct Keeper<S> {
+struct CertificateWatcher<S> {
     settings: Value,
     files: Credentials,
     certificate: Certificate,
     clock: Arc<dyn Clock>,
     loaded: [Option<Vec<u8>>; 3],
     session: Session,
-    said: Standing,
+    reported: Standing,
     say: S,
 }
 
-impl<S: Fn(News)> Keeper<S> {
-    fn look(&mut self, stop: &(Mutex<bool>, Condvar)) {
+impl<S: Fn(News)> CertificateWatcher<S> {
+    fn check(&mut self, stop: &(Mutex<bool>, Condvar)) {
         let found = contents(&self.files);
         if found != self.loaded {
             self.loaded = found;
@@ -191,7 +192,7 @@ impl<S: Fn(News)> Keeper<S> {
             }
         }
         let standing = self.certificate.standing(0, &*self.clock);
-        if core::mem::replace(&mut self.said, standing) != standing {
+        if core::mem::replace(&mut self.reported, standing) != standing {
             self.warn(standing);
         }
     }

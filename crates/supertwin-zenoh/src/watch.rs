@@ -4,8 +4,8 @@ use crate::session::LinkError;
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
-use supertwin_protocol::event_order::{EVENTS_KEPT, InOrder};
-use supertwin_protocol::{Clock, Heard};
+use supertwin_protocol::event_order::{EVENTS_KEPT, EventOrder};
+use supertwin_protocol::{Clock, Received};
 use zenoh::key_expr::KeyExpr;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Subscriber;
@@ -28,8 +28,8 @@ enum Kind {
 
 #[derive(Debug, Default)]
 struct Queue {
-    samples: VecDeque<Heard>,
-    events: VecDeque<Heard>,
+    samples: VecDeque<Received>,
+    events: VecDeque<Received>,
     lost: u64,
     interrupted: bool,
 }
@@ -45,7 +45,7 @@ impl Shared {
         self.queue.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn push(&self, kind: Kind, heard: Heard) {
+    fn push(&self, kind: Kind, heard: Received) {
         let mut queue = self.lock();
         let Queue { samples, events, lost, .. } = &mut *queue;
         let line = match kind {
@@ -88,7 +88,7 @@ pub struct Inbox {
     advanced: Vec<AdvancedSubscriber<()>>,
     /// Whom to ask for events that are missing.
     session: Option<Session>,
-    order: Mutex<InOrder>,
+    order: Mutex<EventOrder>,
 }
 
 impl Inbox {
@@ -163,7 +163,7 @@ impl Inbox {
 
     /// The next sample; `None` when there was none until `deadline` by the inbox's clock, or the wait was interrupted.
     #[must_use]
-    pub fn next(&self, deadline: Option<Duration>) -> Option<Heard> {
+    pub fn next(&self, deadline: Option<Duration>) -> Option<Received> {
         loop {
             let mut order = self.order.lock().unwrap_or_else(PoisonError::into_inner);
             let now = self.clock.now();
@@ -204,7 +204,7 @@ impl Inbox {
 
     /// What has arrived and was not read, also after an interruption; waits for nothing.
     #[must_use]
-    pub fn rest(&self) -> Vec<Heard> {
+    pub fn rest(&self) -> Vec<Received> {
         let mut order = self.order.lock().unwrap_or_else(PoisonError::into_inner);
         let mut queue = self.shared.lock();
         let now = self.clock.now();
@@ -257,8 +257,8 @@ impl Inbox {
     }
 }
 
-fn heard(sample: &Sample, at: Duration) -> Heard {
-    Heard {
+fn heard(sample: &Sample, at: Duration) -> Received {
+    Received {
         key: sample.key_expr().as_str().to_owned(),
         payload: sample.payload().to_bytes().into_owned(),
         gone: sample.kind() == SampleKind::Delete,
@@ -298,8 +298,8 @@ mod tests {
     use super::*;
     use supertwin_protocol::SystemClock;
 
-    fn heard(i: usize) -> Heard {
-        Heard { key: i.to_string(), payload: Vec::new(), gone: false, at: Duration::ZERO }
+    fn heard(i: usize) -> Received {
+        Received { key: i.to_string(), payload: Vec::new(), gone: false, at: Duration::ZERO }
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! A participant of a lock-step ring that only looks: it holds the ring back rather than miss a tick.
 
-use crate::host::beat::shortest;
+use crate::host::schedule::shortest;
 use crate::mailbox::{Arrival, Mailbox};
 use crate::session::LinkError;
 use std::sync::Arc;

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::sync::mpsc;
 use std::time::Duration;
 use supertwin_pki::{Authority, DAY, Request};
-use supertwin_protocol::{Clock, Role, Scope, SystemClock, keys};
+use supertwin_protocol::{Role, Scope, SystemClock, keys};
 use supertwin_zenoh::access_control::router_file;
 use supertwin_zenoh::access_log::{AccessEvent, AccessLog};
 use supertwin_zenoh::session::tls_settings;

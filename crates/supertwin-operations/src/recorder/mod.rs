@@ -21,7 +21,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use supertwin_core::run::{Properties, Property, Scene};
 use supertwin_lab::ResolvedTrial;
-use supertwin_protocol::{Clock, Heard, SystemClock, keys};
+use supertwin_protocol::{Clock, Received, SystemClock, keys};
 use supertwin_rerun::Live;
 use supertwin_zenoh::{Inbox, LinkError, Mailbox, Session, unique};
 use vehicle::{Shared, Vehicle};
@@ -222,7 +222,7 @@ impl Recorder {
         Ok(())
     }
 
-    fn take(&mut self, heard: &Heard) -> Result<(), LinkError> {
+    fn take(&mut self, heard: &Received) -> Result<(), LinkError> {
         if self.namespaced {
             let name = self.only.clone().unwrap_or_default();
             if let Some(vehicle) = self.vehicles.get_mut(&name) {

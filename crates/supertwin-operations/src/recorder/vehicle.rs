@@ -20,7 +20,7 @@ use supertwin_core::{Event, EventKind, Severity, Tick};
 use supertwin_protocol::{Clock, Health, keys};
 use supertwin_rerun::{Clocks, Live};
 use supertwin_zenoh::witness::RING;
-use supertwin_zenoh::{Inbox, LinkError, Receipts, Session, Voice};
+use supertwin_zenoh::{Inbox, LinkError, Receipts, ServicePublisher, Session};
 
 /// Wires whose exact bytes are kept: what a replay needs.
 pub(crate) const WIRES: [&str; 7] = [
@@ -69,7 +69,7 @@ pub(crate) struct Vehicle {
     name: String,
     root: String,
     shared: Shared,
-    voice: Voice,
+    publisher: ServicePublisher,
     receipts: Receipts,
     registry: SignalRegistry,
     monitor: LinkMonitor,
@@ -136,13 +136,14 @@ impl Vehicle {
     /// Begins to listen; `root` is what its keys begin with.
     pub(crate) fn new(name: &str, root: &str, shared: &Shared, inbox: &Inbox) -> Result<Self, LinkError> {
         let now = shared.clock.now();
-        let voice = Voice::open(&shared.session, root, "recorder", &shared.instance, Arc::clone(&shared.clock))?;
+        let publisher =
+            ServicePublisher::open(&shared.session, root, "recorder", &shared.instance, Arc::clone(&shared.clock))?;
         let receipts = Receipts::open(&shared.session, root, &shared.witness, &shared.instance, None, now)?;
         let mut vehicle = Self {
             name: name.to_owned(),
             root: root.to_owned(),
             shared: shared.clone(),
-            voice,
+            publisher,
             receipts,
             registry: SignalRegistry::default(),
             monitor: LinkMonitor::default(),
@@ -194,7 +195,7 @@ impl Vehicle {
     /// Says something about the recording, in the recording as well.
     fn tell(&mut self, severity: Severity, what: EventKind) {
         let (id, tick) = self.run.as_ref().map_or((String::new(), START), |run| (run.id.clone(), run.last));
-        let event = self.voice.event(&id, tick, severity, what);
+        let event = self.publisher.event(&id, tick, severity, what);
         let clocks = self.clocks(self.shared.clock.unix_ns(), self.shared.clock.now());
         self.events.push((id, event, clocks));
     }
@@ -293,6 +294,6 @@ impl Vehicle {
                 health.inputs.entry(key.clone()).or_default().counts.missing = *missing;
             }
         }
-        self.voice.health(health);
+        self.publisher.health(health);
     }
 }

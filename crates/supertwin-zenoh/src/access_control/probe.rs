@@ -7,7 +7,7 @@
 use crate::session::{LinkError, unique};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
-use supertwin_protocol::access::{Row, Verb};
+use supertwin_protocol::access::{AccessRow, Verb};
 use supertwin_protocol::keys;
 use zenoh::handlers::FifoChannelHandler;
 use zenoh::key_expr::KeyExpr;
@@ -49,9 +49,9 @@ impl Seen {
 
 /// What a session heard: full keys, and whether it was put or deleted.
 #[derive(Clone, Debug, Default)]
-struct Ear(Arc<Mutex<Vec<(String, SampleKind)>>>);
+struct SampleLog(Arc<Mutex<Vec<(String, SampleKind)>>>);
 
-impl Ear {
+impl SampleLog {
     fn callback(&self, marks: String) -> impl Fn(Sample) + Send + Sync + 'static {
         let heard = Arc::clone(&self.0);
         move |sample| {
@@ -77,7 +77,7 @@ pub struct Witness {
     mark: String,
     asked: u64,
     marker: Queryable<FifoChannelHandler<Query>>,
-    ear: Ear,
+    samples: SampleLog,
     _subscribers: Vec<Subscriber<()>>,
 }
 
@@ -95,14 +95,14 @@ impl Witness {
             .with(zenoh::handlers::FifoChannel::new(64))
             .wait()
             .map_err(LinkError::session("the witness"))?;
-        let ear = Ear::default();
+        let samples = SampleLog::default();
         let all = format!("{root}/**");
         let subscribers = [all.clone(), keys::advanced(&all)]
             .into_iter()
-            .map(|key| session.declare_subscriber(key).callback(ear.callback(mark.clone())).wait())
+            .map(|key| session.declare_subscriber(key).callback(samples.callback(mark.clone())).wait())
             .collect::<Result<_, _>>()
             .map_err(LinkError::session("the witness"))?;
-        Ok(Self { session: session.clone(), root, mark, asked: 0, marker, ear, _subscribers: subscribers })
+        Ok(Self { session: session.clone(), root, mark, asked: 0, marker, samples, _subscribers: subscribers })
     }
 
     /// Names what nobody else would.
@@ -161,7 +161,13 @@ impl Witness {
     ///
     /// # Errors
     /// When a session fails.
-    pub fn attempt(&mut self, subject: &Session, row: &Row, verb: Verb, allowed: bool) -> Result<Seen, LinkError> {
+    pub fn attempt(
+        &mut self,
+        subject: &Session,
+        row: &AccessRow,
+        verb: Verb,
+        allowed: bool,
+    ) -> Result<Seen, LinkError> {
         let key = format!("{}/{}", self.root, row.example(&self.mark));
         let mut seen = self.attempt_on(subject, &key, row.is_liveliness(), verb)?;
         // What should work is tried again: samples may be dropped, and nothing says when a declaration has come everywhere.
@@ -184,7 +190,7 @@ impl Witness {
         let failed = || LinkError::session(key.to_owned());
         match verb {
             Verb::Put | Verb::Delete => {
-                self.ear.take();
+                self.samples.take();
                 let kind = if verb == Verb::Put {
                     subject.put(key.to_owned(), self.mark.clone()).wait().map_err(failed())?;
                     SampleKind::Put
@@ -193,7 +199,7 @@ impl Witness {
                     SampleKind::Delete
                 };
                 self.settle(subject, || Ok(()))?;
-                Ok(Seen::all_if(self.ear.take().iter().any(|(heard, of)| heard == key && *of == kind)))
+                Ok(Seen::all_if(self.samples.take().iter().any(|(heard, of)| heard == key && *of == kind)))
             }
             Verb::Subscribe => self.subscribe(subject, key, alive),
             Verb::Get if alive => {
@@ -234,12 +240,15 @@ impl Witness {
     }
 
     fn subscribe(&mut self, subject: &Session, key: &str, alive: bool) -> Result<Seen, LinkError> {
-        let (ear, failed) = (Ear::default(), || LinkError::session(key.to_owned()));
+        let (samples, failed) = (SampleLog::default(), || LinkError::session(key.to_owned()));
         let session = self.session.clone();
         if alive {
             // A token has no payload: everything that is heard is its own.
-            let listening =
-                subject.liveliness().declare_subscriber(key.to_owned()).callback(ear.callback(String::new())).wait();
+            let listening = subject
+                .liveliness()
+                .declare_subscriber(key.to_owned())
+                .callback(samples.callback(String::new()))
+                .wait();
             let listening = listening.map_err(failed())?;
             self.settle(subject, || Ok(()))?;
             let mut token = None;
@@ -247,17 +256,17 @@ impl Witness {
                 token = Some(show(&session, key)?);
                 Ok(())
             })?;
-            let seen = !ear.take().is_empty();
+            let seen = !samples.take().is_empty();
             drop((listening, token));
             return Ok(Seen::all_if(seen));
         }
-        let listening = subject.declare_subscriber(key.to_owned()).callback(ear.callback(self.mark.clone())).wait();
+        let listening = subject.declare_subscriber(key.to_owned()).callback(samples.callback(self.mark.clone())).wait();
         let listening = listening.map_err(failed())?;
         self.settle(subject, || Ok(()))?;
         let mark = self.mark.clone();
         self.settle(subject, || session.put(key.to_owned(), mark).wait().map_err(failed()))?;
         drop(listening);
-        Ok(Seen::all_if(!ear.take().is_empty()))
+        Ok(Seen::all_if(!samples.take().is_empty()))
     }
 }
 

@@ -8,7 +8,7 @@ use serde::Serialize;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::Duration;
-use supertwin_protocol::access::{Row, Verb, matrix};
+use supertwin_protocol::access::{AccessRow, Verb, matrix};
 use supertwin_protocol::{Clock, Role, keys};
 use zenoh::Session;
 
@@ -77,7 +77,7 @@ pub fn prove(
 }
 
 /// A service answers any question there, if only by a refusal.
-fn is_asked(row: &Row) -> bool {
+fn is_asked(row: &AccessRow) -> bool {
     let starts = [keys::command("", ""), keys::param("", ""), keys::LEASE.to_owned(), keys::PING.to_owned()];
     let starts = starts.map(|start| start.trim_end_matches('/').to_owned());
     row.keys.iter().all(|key| starts.iter().any(|start| key.starts_with(start.as_str())))
@@ -90,7 +90,7 @@ struct Flows {
 }
 
 impl Flows {
-    fn seen(&self, row: &Row) -> Option<Seen> {
+    fn seen(&self, row: &AccessRow) -> Option<Seen> {
         let heard = |keys: &BTreeSet<String>| row.keys.iter().any(|key| keys.contains(key));
         match (heard(&self.theirs), self.real.as_ref().map(heard)) {
             (true, _) => Some(Seen::All),
@@ -105,7 +105,7 @@ fn flows(
     subject: &Session,
     witness: Option<&Witness>,
     root: &str,
-    rows: &[Row],
+    rows: &[AccessRow],
     clock: &Arc<dyn Clock>,
 ) -> Result<Flows, LinkError> {
     let listen = |session: &Session| {

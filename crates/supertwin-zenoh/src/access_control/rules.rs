@@ -8,7 +8,7 @@
 use super::limits;
 use serde_json::{Value, json};
 use sha2::{Digest, Sha256};
-use supertwin_protocol::access::{Row, Verb, matrix};
+use supertwin_protocol::access::{AccessRow, Verb, matrix};
 use supertwin_protocol::keys;
 use supertwin_protocol::role::{Role, Scope, common_name};
 
@@ -19,7 +19,7 @@ fn anything() -> Vec<String> {
 }
 
 /// One direction, the messages, their keys.
-struct Part {
+struct Permission {
     flow: &'static str,
     messages: &'static [&'static str],
     keys: Vec<String>,
@@ -31,13 +31,17 @@ pub fn router_rules(vehicle: &str) -> Value {
     let rows = matrix();
     let (mut rules, mut subjects, mut policies) = (Vec::new(), Vec::new(), Vec::new());
     for role in Role::ALL {
-        let parts = if role == Role::Vehicle { own(vehicle) } else { parts(&rows, role, vehicle) };
+        let permissions = if role == Role::Vehicle { own(vehicle) } else { permissions(&rows, role, vehicle) };
         let mut names = Vec::new();
-        for part in parts.into_iter().filter(|part| !part.keys.is_empty()) {
-            let name = format!("{role}-{}-{}", if part.flow == "ingress" { "in" } else { "out" }, part.messages[0]);
+        for permission in permissions.into_iter().filter(|permission| !permission.keys.is_empty()) {
+            let name = format!(
+                "{role}-{}-{}",
+                if permission.flow == "ingress" { "in" } else { "out" },
+                permission.messages[0]
+            );
             rules.push(json!({
-                "id": name, "permission": "allow", "flows": [part.flow], "messages": part.messages,
-                "key_exprs": part.keys,
+                "id": name, "permission": "allow", "flows": [permission.flow], "messages": permission.messages,
+                "key_exprs": permission.keys,
             }));
             names.push(name);
         }
@@ -62,23 +66,23 @@ pub fn router_rules(vehicle: &str) -> Value {
 const LOCAL: &str = "local";
 
 /// The vehicle's own services: everything below their name, and listening to what else they may be told.
-fn own(vehicle: &str) -> Vec<Part> {
+fn own(vehicle: &str) -> Vec<Permission> {
     let root = keys::namespace(vehicle);
     let own = vec![format!("{root}/**"), keys::advanced(&format!("{root}/**"))];
     vec![
-        Part {
+        Permission {
             flow: "ingress",
             messages: &["put", "delete", "reply", "declare_queryable", "liveliness_token"],
             keys: own.clone(),
         },
-        Part {
+        Permission {
             flow: "ingress",
             messages: &["declare_subscriber", "query", "declare_liveliness_subscriber", "liveliness_query"],
             keys: anything(),
         },
-        Part { flow: "egress", messages: &["put", "delete", "reply", "liveliness_token"], keys: own },
+        Permission { flow: "egress", messages: &["put", "delete", "reply", "liveliness_token"], keys: own },
         // What comes in was let in by the asker's own rules, perhaps with a pattern for the vehicle's name.
-        Part {
+        Permission {
             flow: "egress",
             messages: &[
                 "query",
@@ -92,7 +96,7 @@ fn own(vehicle: &str) -> Vec<Part> {
     ]
 }
 
-fn parts(rows: &[Row], role: Role, vehicle: &str) -> Vec<Part> {
+fn permissions(rows: &[AccessRow], role: Role, vehicle: &str) -> Vec<Permission> {
     let root = keys::namespace(vehicle);
     let full = |key: &String| format!("{root}/{key}");
     // Fleet tools ask all vehicles at once, with `*` for the name.
@@ -115,42 +119,42 @@ fn parts(rows: &[Row], role: Role, vehicle: &str) -> Vec<Part> {
     let (puts, tokens) = (own_keys(Verb::Put), own_keys(Verb::Liveliness));
     let answers = with(Verb::Queryable).flat_map(|row| [row.keys.clone(), row.bases()].concat());
     let all = vec![
-        Part { flow: "ingress", messages: &["put"], keys: puts.clone() },
-        Part { flow: "ingress", messages: &["delete"], keys: own_keys(Verb::Delete) },
-        Part {
+        Permission { flow: "ingress", messages: &["put"], keys: puts.clone() },
+        Permission { flow: "ingress", messages: &["delete"], keys: own_keys(Verb::Delete) },
+        Permission {
             flow: "ingress",
             messages: &["declare_subscriber", "declare_liveliness_subscriber", "liveliness_query"],
             keys: anything(),
         },
-        Part { flow: "ingress", messages: &["query"], keys: both(&asked) },
-        Part { flow: "ingress", messages: &["declare_queryable"], keys: own_keys(Verb::Queryable) },
-        Part { flow: "ingress", messages: &["reply"], keys: answers.map(|key| full(&key)).collect() },
-        Part { flow: "ingress", messages: &["liveliness_token"], keys: tokens.clone() },
-        Part { flow: "egress", messages: &["put", "delete"], keys: heard.collect() },
-        Part {
+        Permission { flow: "ingress", messages: &["query"], keys: both(&asked) },
+        Permission { flow: "ingress", messages: &["declare_queryable"], keys: own_keys(Verb::Queryable) },
+        Permission { flow: "ingress", messages: &["reply"], keys: answers.map(|key| full(&key)).collect() },
+        Permission { flow: "ingress", messages: &["liveliness_token"], keys: tokens.clone() },
+        Permission { flow: "egress", messages: &["put", "delete"], keys: heard.collect() },
+        Permission {
             flow: "egress",
             messages: &["liveliness_token"],
             keys: seen.flat_map(|row| row.keys.iter().map(full)).collect(),
         },
-        Part {
+        Permission {
             flow: "egress",
             messages: &["reply"],
             keys: asked.iter().cloned().chain(bases(Verb::Get)).map(|key| full(&key)).collect(),
         },
-        Part { flow: "egress", messages: &["query"], keys: both(&answered) },
+        Permission { flow: "egress", messages: &["query"], keys: both(&answered) },
         // Who writes must learn that somebody listens, who asks that somebody answers.
-        Part { flow: "egress", messages: &["declare_subscriber"], keys: if_any(puts.is_empty()) },
-        Part { flow: "egress", messages: &["declare_queryable"], keys: if_any(asked.is_empty()) },
-        Part {
+        Permission { flow: "egress", messages: &["declare_subscriber"], keys: if_any(puts.is_empty()) },
+        Permission { flow: "egress", messages: &["declare_queryable"], keys: if_any(asked.is_empty()) },
+        Permission {
             flow: "egress",
             messages: &["declare_liveliness_subscriber", "liveliness_query"],
             keys: if_any(tokens.is_empty()),
         },
     ];
-    all.into_iter().map(Part::tidy).collect()
+    all.into_iter().map(Permission::tidy).collect()
 }
 
-impl Part {
+impl Permission {
     fn tidy(mut self) -> Self {
         self.keys.sort();
         self.keys.dedup();
@@ -159,7 +163,7 @@ impl Part {
 }
 
 /// The pattern of a row's family, if the role may ask all of it.
-fn whole_family(rows: &[Row], row: &Row, role: Role) -> Option<String> {
+fn whole_family(rows: &[AccessRow], row: &AccessRow, role: Role) -> Option<String> {
     let family = row.family.as_ref()?;
     let theirs = rows.iter().filter(|other| other.family.as_ref() == Some(family));
     theirs.into_iter().all(|other| other.allows(role, Verb::Get)).then(|| family.clone())
@@ -187,10 +191,10 @@ pub fn current_hash(vehicle: &str) -> String {
 fn canonical(value: &Value) -> String {
     match value {
         Value::Object(map) => {
-            let mut parts: Vec<String> =
+            let mut permissions: Vec<String> =
                 map.iter().map(|(name, value)| format!("{name:?}:{}", canonical(value))).collect();
-            parts.sort();
-            format!("{{{}}}", parts.join(","))
+            permissions.sort();
+            format!("{{{}}}", permissions.join(","))
         }
         Value::Array(list) => format!("[{}]", list.iter().map(canonical).collect::<Vec<_>>().join(",")),
         // A file says 500 where a program says 500.0.

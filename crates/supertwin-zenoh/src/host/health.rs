@@ -3,7 +3,7 @@
 use super::Host;
 use super::ports::Keys;
 use crate::mailbox::Overflow;
-use crate::outbox::Letter;
+use crate::outbox::Outgoing;
 use std::collections::BTreeMap;
 use std::time::Duration;
 use supertwin_core::port::wires;
@@ -76,7 +76,7 @@ impl<B: Wired + 'static> Host<B> {
             step_us: self.step_us.quantiles(),
             loop_us: self.loop_us.quantiles(),
             inputs: inputs.into_iter().map(|(key, health)| (key.to_owned(), health)).collect(),
-            commands: self.desk.counts,
+            commands: self.commands.counts,
             setpoints: [
                 self.streams.iter().map(|stream| stream.accepted).sum(),
                 self.streams.iter().map(|stream| stream.refused).sum(),
@@ -92,7 +92,7 @@ impl<B: Wired + 'static> Host<B> {
             wire.transport_ms_max = 0.0;
         }
         if let Ok(payload) = serde_json::to_vec(&health) {
-            self.outbox.send(Letter::Health(payload));
+            self.outbox.send(Outgoing::Health(payload));
         }
     }
 }

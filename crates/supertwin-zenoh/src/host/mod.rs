@@ -1,19 +1,19 @@
 //! Puts any block behind its keys: one step per tick, in lock step or in real time, with commands, events and accounts.
 
-mod arrive;
-pub(crate) mod beat;
 mod health;
 mod ports;
+mod publish;
+mod receive;
 mod rejoin;
 mod request;
-mod say;
+pub(crate) mod schedule;
 mod step;
 
 use crate::mailbox::{Mailbox, Overflow};
-use crate::outbox::{Letter, Outbox};
+use crate::outbox::{Outbox, Outgoing};
 use crate::session::LinkError;
-use beat::REPEAT_FIRST;
 use ports::{AsideKeys, Keys};
+use schedule::REPEAT_FIRST;
 use serde::Serialize;
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -23,13 +23,13 @@ use supertwin_core::port::wires;
 use supertwin_core::run::Properties;
 use supertwin_core::{EventKind, Message, OperatorLink, Ports, Severity, Tick, Watch, Wired};
 use supertwin_protocol::clock::Clock;
-use supertwin_protocol::command_queue::Desk;
+use supertwin_protocol::command_queue::CommandQueue;
 use supertwin_protocol::fault::{Fault, FaultRates};
 use supertwin_protocol::keys;
 use supertwin_protocol::lease::{Authority, LeaseView};
 use supertwin_protocol::ledger::Ledger;
 use supertwin_protocol::payload::STREAMS;
-use supertwin_protocol::telemetry::{AppliedBefore, Shelf, Used};
+use supertwin_protocol::telemetry::{AppliedBefore, SignalList, Used};
 use zenoh::bytes::{Encoding, ZBytes};
 use zenoh::pubsub::{Publisher, Subscriber};
 use zenoh::qos::{CongestionControl, Priority};
@@ -123,9 +123,9 @@ pub trait Hosted: Send {
     fn digests(&mut self) -> &mut VecDeque<(u64, u64)>;
 }
 
-/// Wires that are no ports of the block.
+/// What a wire carries: an input port of the block, or what steers the host itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Side {
+enum WireKind {
     Port(usize),
     Setpoint(usize),
     Lease,
@@ -135,8 +135,8 @@ enum Side {
 }
 
 #[derive(Debug)]
-struct Wire {
-    side: Side,
+struct WireState {
+    kind: WireKind,
     ledger: Ledger,
     /// The newest payload, for those who start anew.
     held: Option<ZBytes>,
@@ -145,7 +145,7 @@ struct Wire {
 }
 
 #[derive(Debug, Default)]
-struct Beat {
+struct StepSchedule {
     /// Real time: when the next step is due without a trigger.
     due: Option<Duration>,
     /// The newest trigger that has not been acted on.
@@ -218,10 +218,10 @@ pub struct Host<B: Wired> {
     /// The block as it was built: another run starts from here.
     pristine: B,
     ports: Ports<B>,
-    wires: Vec<Wire>,
+    wires: Vec<WireState>,
     watch: Watch,
     probe: DigestProbe,
-    desk: Desk<B::Command>,
+    commands: CommandQueue<B::Command>,
     options: HostOptions<B::Command>,
     /// Stamps what is sent, and times steps; deadlines go by `now`.
     clock: Arc<dyn Clock>,
@@ -230,11 +230,11 @@ pub struct Host<B: Wired> {
     source: String,
     run: String,
     next: u64,
-    beat: Beat,
+    schedule: StepSchedule,
     output: Option<(u64, B::Out, u64)>,
     telemetry: Option<Vec<u8>>,
     telemetry_seq: u64,
-    shelf: Shelf,
+    signals: SignalList,
     used: Used,
     seq: u64,
     event_seq: u64,
@@ -308,22 +308,23 @@ impl<B: Wired + 'static> Host<B> {
             Pace::RealTime(factor) => Duration::from_secs_f64((3.0 * options.tick_s / factor).max(0.1)),
             Pace::LockStep => Duration::MAX,
         };
-        let mut sides: Vec<(String, Side)> =
-            keys.0.iter().enumerate().map(|(i, (key, _))| ((*key).to_owned(), Side::Port(i))).collect();
+        let mut wire_kinds: Vec<(String, WireKind)> =
+            keys.0.iter().enumerate().map(|(i, (key, _))| ((*key).to_owned(), WireKind::Port(i))).collect();
         if options.takes_setpoints {
-            sides.extend(STREAMS.iter().enumerate().map(|(i, name)| (keys::setpoint(name), Side::Setpoint(i))));
+            wire_kinds
+                .extend(STREAMS.iter().enumerate().map(|(i, name)| (keys::setpoint(name), WireKind::Setpoint(i))));
         }
         if !options.keeps_authority {
-            sides.push((keys::LEASE_STATE.to_owned(), Side::Lease));
+            wire_kinds.push((keys::LEASE_STATE.to_owned(), WireKind::Lease));
         }
         if options.pace == Pace::LockStep {
-            sides.push((keys::stop("*"), Side::Stop));
+            wire_kinds.push((keys::stop("*"), WireKind::Stop));
             if !options.witnesses.is_empty() {
-                sides.push((keys::witness("*"), Side::Witness));
+                wire_kinds.push((keys::witness("*"), WireKind::Witness));
             }
         }
         let mut subscribers = Vec::new();
-        for (number, (key, _)) in sides.iter().enumerate() {
+        for (number, (key, _)) in wire_kinds.iter().enumerate() {
             let mailbox = Arc::clone(mailbox);
             let subscriber = session
                 .declare_subscriber(key.clone())
@@ -338,8 +339,8 @@ impl<B: Wired + 'static> Host<B> {
         }
         let mut liveliness = Vec::new();
         if options.keeps_authority {
-            let number = sides.len();
-            sides.push((keys::operator("*"), Side::Operator));
+            let number = wire_kinds.len();
+            wire_kinds.push((keys::operator("*"), WireKind::Operator));
             let mailbox = Arc::clone(mailbox);
             let gone = session
                 .liveliness()
@@ -354,10 +355,10 @@ impl<B: Wired + 'static> Host<B> {
                 .map_err(LinkError::session("liveliness of operators"))?;
             liveliness.push(gone);
         }
-        let wires = sides
+        let wires = wire_kinds
             .iter()
-            .map(|(_, side)| Wire {
-                side: *side,
+            .map(|(_, kind)| WireState {
+                kind: *kind,
                 ledger: Ledger::new(silence),
                 held: None,
                 age_max: 0,
@@ -380,15 +381,15 @@ impl<B: Wired + 'static> Host<B> {
             ports: Ports::default(),
             wires,
             probe: DigestProbe::default(),
-            desk: Desk::new(&options.mission),
+            commands: CommandQueue::new(&options.mission),
             source: format!("{}-{}", B::NAME, options.instance),
             run: if owner { options.run.clone() } else { String::new() },
             next: 0,
-            beat: Beat::default(),
+            schedule: StepSchedule::default(),
             output: None,
             telemetry: None,
             telemetry_seq: 0,
-            shelf: Shelf::default(),
+            signals: SignalList::default(),
             used: Used::default(),
             seq: 0,
             event_seq: 0,
@@ -452,7 +453,7 @@ impl<B: Wired + 'static> Host<B> {
     }
 
     /// Length of a tick on the wall.
-    fn beat_length(&self) -> Duration {
+    fn step_interval(&self) -> Duration {
         match self.options.pace {
             Pace::RealTime(factor) => Duration::from_secs_f64(self.options.tick_s / factor),
             Pace::LockStep => Duration::ZERO,
@@ -504,7 +505,7 @@ fn queryables<B: Wired>(
         let slot = outbox.slot();
         let queryable = session
             .declare_queryable(key.clone())
-            .callback(move |query| slot.send(Letter::StateQuery(query)))
+            .callback(move |query| slot.send(Outgoing::StateQuery(query)))
             .wait()
             .map_err(LinkError::session(format!("queryable {key}")))?;
         queryables.push(queryable);
@@ -562,7 +563,7 @@ impl<B: Wired + 'static> Hosted for Host<B> {
             let look = self.now + Duration::from_millis(500);
             Some(if self.output.is_some() { look.min(self.sent_at + self.repeat_after) } else { look })
         } else {
-            self.beat.due
+            self.schedule.due
         };
         Some(next.map_or(self.health_due, |next| next.min(self.health_due)))
     }

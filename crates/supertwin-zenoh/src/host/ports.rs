@@ -1,12 +1,12 @@
 //! Walks over the ports of a block: names, delivery, readiness.
 
-use super::Wire;
+use super::WireState;
 use crate::outbox::Outbox;
 use std::time::Duration;
 use supertwin_core::port::{MessageVisitor, Offered, PortVisitor, WireVisitor};
 use supertwin_core::{Message, Port, PortRule};
 use supertwin_protocol::envelope::{Envelope, Rejected, decode, encode};
-use supertwin_protocol::ledger::{Ledger, Verdict};
+use supertwin_protocol::ledger::{Ledger, SequenceCheck};
 use supertwin_protocol::telemetry::Used;
 
 pub(super) struct Keys(pub(super) Vec<(&'static str, PortRule)>);
@@ -95,19 +95,19 @@ impl PortVisitor for Deliver<'_> {
             self.outcome = Delivered::Rejected(Rejected::Malformed("run: is missing".to_owned()));
             return;
         }
-        let verdict = self.ledger.enter(&envelope.source, envelope.seq, self.now);
-        let (gap, takeover) = match verdict {
-            Verdict::New { gap } => (gap, false),
-            Verdict::Takeover if self.lock_step => {
+        let check = self.ledger.enter(&envelope.source, envelope.seq, self.now);
+        let (gap, takeover) = match check {
+            SequenceCheck::New { gap } => (gap, false),
+            SequenceCheck::Takeover if self.lock_step => {
                 self.outcome = changed(&envelope);
                 return;
             }
-            Verdict::Takeover => (0, true),
-            Verdict::Rival if self.lock_step => {
+            SequenceCheck::Takeover => (0, true),
+            SequenceCheck::Rival if self.lock_step => {
                 self.outcome = changed(&envelope);
                 return;
             }
-            Verdict::Duplicate | Verdict::Rival => {
+            SequenceCheck::Duplicate | SequenceCheck::Rival => {
                 self.outcome = Delivered::Left { repeat: envelope.repeat };
                 return;
             }
@@ -141,7 +141,7 @@ pub(super) struct Readiness<'a> {
     pub(super) ready: bool,
     pub(super) at: usize,
     pub(super) used: &'a mut Used,
-    pub(super) ages: &'a mut [Wire],
+    pub(super) ages: &'a mut [WireState],
 }
 
 impl PortVisitor for Readiness<'_> {

@@ -59,7 +59,7 @@ impl<B: Wired + 'static> Host<B> {
             self.run.clone_from(&newest.run);
             self.next = newest.next + 1;
             // Its mission up to here is history.
-            self.desk.due(self.next.saturating_sub(1));
+            self.commands.due(self.next.saturating_sub(1));
             self.note(Severity::Info, EventKind::RunRejoined { run: self.run.clone(), at_tick: self.next });
         }
         for (i, payload) in held {

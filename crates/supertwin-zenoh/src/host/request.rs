@@ -2,12 +2,12 @@
 
 use super::Host;
 use super::ports::Keys;
-use crate::outbox::Letter;
+use crate::outbox::Outgoing;
 use serde_json::{Value, json};
 use supertwin_core::event::{CommandSource, EventCommand};
 use supertwin_core::port::wires;
 use supertwin_core::{EventKind, Severity, Wired};
-use supertwin_protocol::command_queue::{Answer, MAX_REQUEST, Moment, Request};
+use supertwin_protocol::command_queue::{Answer, MAX_REQUEST, Request, RequestTime};
 use supertwin_protocol::keys;
 use supertwin_protocol::lease::{Authority, LeaseAction, LeaseReply, LeaseRequest};
 use supertwin_protocol::payload::{Now, Pong};
@@ -41,7 +41,7 @@ impl<B: Wired + 'static> Host<B> {
         };
         let bytes = |value: Value| value.to_string().into_bytes();
         let own_key = (kind == "state").then(|| keys::state(B::NAME, name));
-        self.outbox.send(Letter::Answer(query, own_key, answer.map(bytes).map_err(bytes)));
+        self.outbox.send(Outgoing::Answer(query, own_key, answer.map(bytes).map_err(bytes)));
     }
 
     pub(super) fn answer_held(&self, query: Query, wire: &str) {
@@ -52,23 +52,23 @@ impl<B: Wired + 'static> Host<B> {
             Some(payload) => {
                 // The key must be ours, not the question's pattern.
                 let key = Some(keys::held(B::NAME, wire));
-                self.outbox.send(Letter::Answer(query, key, Ok(payload.to_bytes().into_owned())));
+                self.outbox.send(Outgoing::Answer(query, key, Ok(payload.to_bytes().into_owned())));
             }
             None => drop(query),
         }
     }
 
-    pub(super) fn moment(&self) -> Moment {
-        Moment { now: self.now, next: self.next, tick_s: self.options.tick_s, lead: self.options.lead_ticks }
+    pub(super) fn moment(&self) -> RequestTime {
+        RequestTime { now: self.now, next: self.next, tick_s: self.options.tick_s, lead: self.options.lead_ticks }
     }
 
     pub(super) fn command(&mut self, name: &str, payload: &[u8], session: Option<String>) -> Result<Value, Value> {
         let moment = self.moment();
         let tick = self.tick(self.next);
         let (block, lease) = (&self.block, self.authority.as_ref().map_or(&self.lease, Authority::view));
-        let before = self.desk.counts;
-        let answer = self.desk.submit(name, payload, lease, moment, |command| block.clone().command(tick, command));
-        let after = self.desk.counts;
+        let before = self.commands.counts;
+        let answer = self.commands.submit(name, payload, lease, moment, |command| block.clone().command(tick, command));
+        let after = self.commands.counts;
         let value = serde_json::to_value(&answer).unwrap_or(Value::Null);
         match answer {
             Answer::Scheduled { apply_tick, .. } => {
@@ -102,7 +102,7 @@ impl<B: Wired + 'static> Host<B> {
             request.value = json!({ "path": path, "value": request.value });
             serde_json::to_vec(&request).unwrap_or_default()
         });
-        // What is no request is refused by the desk, in its own words.
+        // What is no request is refused by the command queue, in its own words.
         self.command("parameter", &inner.unwrap_or_else(|| payload.to_vec()), session)
     }
 

@@ -44,7 +44,7 @@ impl<B: Wired + 'static> Host<B> {
 
     pub(super) fn apply(&mut self, k: u64) -> Vec<Value> {
         let mut applied = Vec::new();
-        for waiting in self.desk.due(k) {
+        for waiting in self.commands.due(k) {
             let json = serde_json::to_value(&waiting.command).unwrap_or(Value::Null);
             let command = EventCommand::new(B::NAME, json.clone(), waiting.by.clone());
             // Missions speak with the voice they have in batch.
@@ -52,7 +52,7 @@ impl<B: Wired + 'static> Host<B> {
             let streaming = waiting.by.as_ref().is_some_and(|by| by.seq.is_none());
             let (severity, what) = match self.block.command(self.tick(k), &waiting.command) {
                 Ok(()) => {
-                    self.desk.counts.applied += 1;
+                    self.commands.counts.applied += 1;
                     if waiting.name.starts_with("parameter") {
                         self.tell_parameters();
                     }
@@ -151,8 +151,8 @@ impl<B: Wired + 'static> Host<B> {
             return;
         }
         let Some((_, out, _)) = &self.output else { return };
-        if self.shelf.look(&self.block, out) {
-            self.tell_state("signals".to_owned(), &self.shelf.descriptions());
+        if self.signals.update(&self.block, out) {
+            self.tell_state("signals".to_owned(), &self.signals.descriptions());
         }
         self.telemetry_seq += 1;
         let operator_lost = operator == OperatorLink::Lost;

@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use std::process::ExitCode;
 use supertwin_lab::Library;
 use supertwin_operations::{OperationError, flows};
-use supertwin_protocol::Heard;
+use supertwin_protocol::Received;
 
 /// Arguments of `echo`.
 #[derive(Debug, Args)]
@@ -59,7 +59,7 @@ pub(crate) fn echo(arguments: &EchoArguments, library: &Library) -> Result<ExitC
     Ok(ExitCode::SUCCESS)
 }
 
-fn sample_json(heard: &Heard) -> Value {
+fn sample_json(heard: &Received) -> Value {
     if heard.gone {
         return json!({ "key": heard.key, "deleted": true });
     }
@@ -69,7 +69,7 @@ fn sample_json(heard: &Heard) -> Value {
     }
 }
 
-fn sample_text(heard: &Heard) -> String {
+fn sample_text(heard: &Received) -> String {
     let key = heard.key.splitn(3, '/').nth(2).unwrap_or(&heard.key);
     if heard.gone {
         return format!("{key}  deleted");
@@ -96,8 +96,8 @@ mod tests {
     use super::*;
     use std::time::Duration;
 
-    fn heard(at_ms: u64, payload: &str) -> Heard {
-        Heard {
+    fn heard(at_ms: u64, payload: &str) -> Received {
+        Received {
             key: "supertwin/a/estimator/nav".to_owned(),
             payload: payload.as_bytes().to_vec(),
             gone: false,

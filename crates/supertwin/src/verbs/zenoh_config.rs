@@ -9,7 +9,7 @@ use std::process::ExitCode;
 use supertwin_operations::OperationError;
 use supertwin_operations::save;
 use supertwin_operations::zenoh_settings::{self, SettingsOptions};
-use supertwin_protocol::access::{self, COLUMNS, Row};
+use supertwin_protocol::access::{self, AccessRow, COLUMNS};
 use supertwin_protocol::role::Role;
 
 /// Arguments of `zenoh-config`.
@@ -111,7 +111,7 @@ fn matrix(arguments: &ZenohConfigArguments) -> String {
         return zenoh_settings::matrix_json(&rows).to_string();
     }
     let header: Vec<&str> = ["key"].into_iter().chain(COLUMNS.map(Role::name)).chain(["why"]).collect();
-    let cells = |keys: &[String], row: &Row, mark: &str| -> Vec<String> {
+    let cells = |keys: &[String], row: &AccessRow, mark: &str| -> Vec<String> {
         let keys = keys.iter().map(|key| format!("{mark}{key}{mark}")).collect::<Vec<_>>().join(", ");
         let verbs = COLUMNS.map(|role| format!("{mark}{}{mark}", access::letters(row, role)));
         [keys].into_iter().chain(verbs).chain([row.why.to_owned()]).collect()

@@ -6,7 +6,7 @@ use std::time::Duration;
 use supertwin_core::run::Properties;
 use supertwin_core::{Event, EventKind, Severity};
 use supertwin_protocol::payload::Stop;
-use supertwin_protocol::{Description, Health, Heard, decode, head, telemetry};
+use supertwin_protocol::{Description, Health, Received, decode, head, telemetry};
 use supertwin_zenoh::Inbox;
 use supertwin_zenoh::witness::RING;
 
@@ -15,7 +15,7 @@ const STATES: usize = 4096;
 
 impl Vehicle {
     /// Takes a message; `key` is relative to the vehicle.
-    pub(crate) fn take(&mut self, key: &str, heard: &Heard, inbox: &Inbox) {
+    pub(crate) fn take(&mut self, key: &str, heard: &Received, inbox: &Inbox) {
         if heard.gone {
             return;
         }
@@ -61,7 +61,7 @@ impl Vehicle {
         Some(self.run.get_or_insert_with(|| Run::new(id, now)))
     }
 
-    fn telemetry(&mut self, service: usize, heard: &Heard, inbox: &Inbox) {
+    fn telemetry(&mut self, service: usize, heard: &Received, inbox: &Inbox) {
         let now = self.shared.clock.now();
         let envelope = match telemetry::read(&heard.payload) {
             Ok(envelope) => envelope,
@@ -88,7 +88,7 @@ impl Vehicle {
         }
     }
 
-    fn event(&mut self, heard: &Heard) {
+    fn event(&mut self, heard: &Received) {
         let now = self.shared.clock.now();
         match decode::<Event>(&heard.payload) {
             Ok(envelope) => {
@@ -103,7 +103,7 @@ impl Vehicle {
         }
     }
 
-    fn health(&mut self, service: &str, heard: &Heard) {
+    fn health(&mut self, service: &str, heard: &Received) {
         let now = self.shared.clock.now();
         if service == "recorder" {
             return;
@@ -114,7 +114,7 @@ impl Vehicle {
         }
     }
 
-    fn stop(&mut self, heard: &Heard) {
+    fn stop(&mut self, heard: &Received) {
         if let Ok(stop) = serde_json::from_slice::<Stop>(&heard.payload)
             && self.run.as_ref().is_some_and(|run| run.id == stop.run)
             && self.stop.is_none_or(|(_, complete)| !complete)
@@ -123,7 +123,7 @@ impl Vehicle {
         }
     }
 
-    fn state(&mut self, service: &str, name: &str, heard: &Heard) {
+    fn state(&mut self, service: &str, name: &str, heard: &Received) {
         let now = self.shared.clock.now();
         match name {
             "signals" => match serde_json::from_slice::<Vec<Description<'_>>>(&heard.payload) {
@@ -157,7 +157,7 @@ impl Vehicle {
         }
     }
 
-    fn wire(&mut self, key: &str, heard: &Heard) {
+    fn wire(&mut self, key: &str, heard: &Received) {
         let now = self.shared.clock.now();
         let (run, source, seq, tick, clocks) = match head(&heard.payload) {
             Ok(head) => {

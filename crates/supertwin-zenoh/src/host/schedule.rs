@@ -85,27 +85,27 @@ impl<B: Wired + 'static> Host<B> {
 
     pub(super) fn poll_real_time(&mut self) -> bool {
         let now = self.now;
-        let beat = self.beat_length();
+        let interval = self.step_interval();
         if self.options.ticks.is_some_and(|ticks| self.next >= ticks) {
             self.ending = Some(Ending::Complete);
             return true;
         }
         if B::OWNS_TIME {
-            let due = *self.beat.due.get_or_insert(now);
+            let due = *self.schedule.due.get_or_insert(now);
             if now < due {
                 return false;
             }
             // Behind by whole ticks: they are simulated, but only the newest is worth sending.
-            let behind = (now - due).as_nanos() / beat.as_nanos().max(1);
+            let behind = (now - due).as_nanos() / interval.as_nanos().max(1);
             let most = (CATCH_UP_S / self.options.tick_s) as u128;
             if behind > most {
                 let lost = u64::try_from(behind).unwrap_or(u64::MAX / 2);
                 self.note(Severity::Error, EventKind::TicksLeftOut { ticks: lost });
                 self.next += lost;
                 self.steps.skipped += lost;
-                self.beat.due = Some(now);
+                self.schedule.due = Some(now);
                 self.step(self.next, true);
-                self.beat.due = Some(now + beat);
+                self.schedule.due = Some(now + interval);
                 return true;
             }
             let behind = u64::try_from(behind).unwrap_or(0);
@@ -117,31 +117,31 @@ impl<B: Wired + 'static> Host<B> {
                 self.note(Severity::Warning, EventKind::TicksLate { ticks: behind });
             }
             self.step(self.next, true);
-            self.beat.due = Some(due + beat * u32::try_from(behind + 1).unwrap_or(u32::MAX));
+            self.schedule.due = Some(due + interval * u32::try_from(behind + 1).unwrap_or(u32::MAX));
             return true;
         }
-        if let Some(tick) = self.beat.trigger.take() {
+        if let Some(tick) = self.schedule.trigger.take() {
             if tick >= self.next {
                 if self.output.is_some() {
                     self.steps.skipped += tick - self.next;
                 }
                 self.step(tick, true);
-                self.beat.due = Some(now + 2 * beat);
+                self.schedule.due = Some(now + 2 * interval);
                 return true;
             }
             // Ahead of the owner of time: waits until it is level again.
             self.steps.late_triggers += 1;
             if self.next - tick < LEVEL_TICKS {
-                self.beat.due = Some(now + 2 * beat);
+                self.schedule.due = Some(now + 2 * interval);
             }
             return false;
         }
-        if let Some(due) = self.beat.due
+        if let Some(due) = self.schedule.due
             && now >= due
         {
             self.steps.by_timer += 1;
             self.step(self.next, true);
-            self.beat.due = Some(if due + beat < now { now + beat } else { due + beat });
+            self.schedule.due = Some(if due + interval < now { now + interval } else { due + interval });
             return true;
         }
         false

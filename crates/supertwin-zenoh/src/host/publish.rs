@@ -2,7 +2,7 @@
 
 use super::ports::with;
 use super::{Ending, Host};
-use crate::outbox::Letter;
+use crate::outbox::Outgoing;
 use serde::Serialize;
 use std::borrow::Cow;
 use std::time::Duration;
@@ -35,13 +35,13 @@ impl<B: Wired + 'static> Host<B> {
         self.event_seq += 1;
         let mut payload = Vec::with_capacity(256);
         if encode(&with(&self.header(event.tick, self.event_seq), event), &mut payload).is_ok() {
-            self.outbox.send(Letter::Event(payload));
+            self.outbox.send(Outgoing::Event(payload));
         }
     }
 
     pub(super) fn tell_state(&self, name: String, state: &impl Serialize) {
         if let Ok(payload) = serde_json::to_vec(state) {
-            self.outbox.send(Letter::State(name, payload));
+            self.outbox.send(Outgoing::State(name, payload));
         }
     }
 

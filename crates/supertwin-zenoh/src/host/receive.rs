@@ -1,11 +1,11 @@
 //! What arrives: messages on ports, set-points, the lease, witnesses, the end of a run.
 
 use super::ports::{Clear, Deliver, Delivered};
-use super::{Beat, Ending, Host, Pace, Side};
+use super::{Ending, Host, Pace, StepSchedule, WireKind};
 use serde_json::json;
 use std::time::Duration;
 use supertwin_core::{EventKind, Severity, Watch, Wired};
-use supertwin_protocol::command_queue::{Desk, MAX_REQUEST};
+use supertwin_protocol::command_queue::{CommandQueue, MAX_REQUEST};
 use supertwin_protocol::keys;
 use supertwin_protocol::lease::{Authority, LeaseState, LeaseView};
 use supertwin_protocol::payload::{STREAMS, Seen, Stop, StreamedSetpoint};
@@ -16,13 +16,13 @@ const FUTURE_S: f64 = 1.0;
 
 impl<B: Wired + 'static> Host<B> {
     pub(super) fn wire(&mut self, number: usize, payload: &ZBytes) {
-        match self.wires[number].side {
-            Side::Port(i) => self.port(number, i, payload),
-            Side::Setpoint(i) => self.streamed(i, &payload.to_bytes()),
-            Side::Lease => self.lease_state(&payload.to_bytes()),
-            Side::Stop => self.stop(&payload.to_bytes()),
-            Side::Witness => self.witness(&payload.to_bytes()),
-            Side::Operator => {
+        match self.wires[number].kind {
+            WireKind::Port(i) => self.port(number, i, payload),
+            WireKind::Setpoint(i) => self.streamed(i, &payload.to_bytes()),
+            WireKind::Lease => self.lease_state(&payload.to_bytes()),
+            WireKind::Stop => self.stop(&payload.to_bytes()),
+            WireKind::Witness => self.witness(&payload.to_bytes()),
+            WireKind::Operator => {
                 let gone = payload.to_bytes();
                 let client = String::from_utf8_lossy(&gone).into_owned();
                 let now = self.now;
@@ -88,7 +88,7 @@ impl<B: Wired + 'static> Host<B> {
                     }
                 } else {
                     if trigger {
-                        self.beat.trigger = Some(tick);
+                        self.schedule.trigger = Some(tick);
                     } else if tick < self.next.saturating_sub(1) {
                         self.wires[number].ledger.counts.late += 1;
                     }
@@ -118,7 +118,7 @@ impl<B: Wired + 'static> Host<B> {
         self.note(Severity::Warning, EventKind::RunStarted { run: run.to_owned(), at_tick: tick });
         let old = core::mem::replace(&mut self.block, self.pristine.clone());
         self.block.succeed(&old);
-        let discarded = self.desk.waiting();
+        let discarded = self.commands.waiting();
         if discarded > 0 {
             let commands = discarded as u64;
             self.note(Severity::Warning, EventKind::CommandsDiscarded { commands });
@@ -126,27 +126,27 @@ impl<B: Wired + 'static> Host<B> {
         self.watch = Watch::new(&self.block);
         self.steps_of_run = 0;
         self.untold.clear();
-        self.desk = Desk::new(&self.options.mission);
+        self.commands = CommandQueue::new(&self.options.mission);
         self.next = tick;
         run.clone_into(&mut self.run);
         self.output = None;
-        self.beat = Beat { due: None, trigger: None };
+        self.schedule = StepSchedule { due: None, trigger: None };
         self.ports.visit(&mut Clear);
         for i in 0..self.wires.len() {
-            if let Side::Port(_) = self.wires[i].side {
+            if let WireKind::Port(_) = self.wires[i].kind {
                 self.wires[i].held = None;
             }
         }
-        self.desk.due(tick.saturating_sub(1));
+        self.commands.due(tick.saturating_sub(1));
         // The message that said so is the first of the run.
         for i in 0..self.wires.len() {
-            if let Side::Port(_) = self.wires[i].side
+            if let WireKind::Port(_) = self.wires[i].kind
                 && self.wires[i].ledger.source() == source
             {
                 self.offer_held(i, payload, run);
             }
         }
-        self.beat.trigger = Some(tick);
+        self.schedule.trigger = Some(tick);
     }
 
     pub(super) fn answer_repetition(&mut self, repeat: bool, now: Duration) {
@@ -217,7 +217,7 @@ impl<B: Wired + 'static> Host<B> {
                 let command =
                     serde_json::from_value(json!({ STREAMS[i]: value })).map_err(|error| error.to_string())?;
                 self.block.clone().command(self.tick(self.next), &command).map_err(|refusal| refusal.0)?;
-                self.desk.stream(STREAMS[i], value, &sample.client, self.next)?;
+                self.commands.stream(STREAMS[i], value, &sample.client, self.next)?;
             }
             Ok(sample)
         })();

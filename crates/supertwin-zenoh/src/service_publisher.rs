@@ -1,6 +1,6 @@
 //! What a service that is no block has to say, such as a recorder: events, counters, states, and that it is up.
 
-use crate::outbox::{Letter, Outbox};
+use crate::outbox::{Outbox, Outgoing};
 use crate::session::LinkError;
 use serde::Serialize;
 use std::borrow::Cow;
@@ -14,7 +14,7 @@ use zenoh::liveliness::LivelinessToken;
 use zenoh::{Session, Wait};
 
 /// The sending side of a service without a block. Nothing here waits for the network.
-pub struct Voice {
+pub struct ServicePublisher {
     outbox: Outbox,
     service: &'static str,
     source: String,
@@ -24,7 +24,7 @@ pub struct Voice {
     _token: Option<LivelinessToken>,
 }
 
-impl Voice {
+impl ServicePublisher {
     /// Speaks as `service` of the vehicle whose keys begin with `root`.
     ///
     /// # Errors
@@ -82,7 +82,7 @@ impl Voice {
         };
         let mut payload = Vec::with_capacity(256);
         if encode(&envelope, &mut payload).is_ok() {
-            self.outbox.send(Letter::Event(payload));
+            self.outbox.send(Outgoing::Event(payload));
         }
         event
     }
@@ -98,14 +98,14 @@ impl Voice {
             ..health
         };
         if let Ok(payload) = serde_json::to_vec(&health) {
-            self.outbox.send(Letter::Health(payload));
+            self.outbox.send(Outgoing::Health(payload));
         }
     }
 
     /// A state for late joiners.
     pub fn state(&self, name: &str, state: &impl Serialize) {
         if let Ok(payload) = serde_json::to_vec(state) {
-            self.outbox.send(Letter::State(name.to_owned(), payload));
+            self.outbox.send(Outgoing::State(name.to_owned(), payload));
         }
     }
 }
