@@ -1,67 +1,25 @@
 //! What is wrong with a set-up, and what to do: settings, router, services, certificates, rights.
 
+mod finding;
 pub mod prove;
+mod services;
+mod settings;
 
 use crate::network::{NetworkClient, SERVICES};
 use crate::{OperationError, Progress};
+pub use finding::{Finding, Grade};
+use finding::{ok, warning, wrong};
 use prove::{Proof, ProofOptions};
-use serde::Serialize;
-use serde_json::Value;
+use services::{access, clock, services, versions, writers};
+use settings::{as_client, exposed, files, rules};
 use std::collections::BTreeMap;
-use std::path::Path;
-use supertwin_pki as pki;
-use supertwin_protocol::{Clock, Health, SystemClock, keys};
-use supertwin_zenoh::access_control::{self, Attempt};
-use supertwin_zenoh::{Link, LinkError, diagnose, session};
+use supertwin_protocol::{Health, keys};
+use supertwin_zenoh::{Link, LinkError, diagnose};
 
 /// Health comes once a second.
 const HEALTH_WAIT_S: f64 = 2.5;
-/// Clocks that differ by more make times of the two ends hard to compare.
-const OFFSET_MS: f64 = 50.0;
 /// Questions to the clock.
 const PINGS: usize = 9;
-
-/// How bad a finding is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Grade {
-    /// As it should be.
-    Ok,
-    /// To be known.
-    Warning,
-    /// To be mended.
-    Wrong,
-}
-
-/// The outcome of one check.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct Finding {
-    /// What was looked at.
-    pub check: &'static str,
-    /// How bad it is.
-    #[serde(rename = "verdict")]
-    pub grade: Grade,
-    /// What was found.
-    pub what: String,
-    /// What to do about it.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub remedy: Option<String>,
-    /// The matrix as it was found, of a proof of access.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub attempts: Vec<Attempt>,
-}
-
-fn ok(check: &'static str, what: impl Into<String>) -> Finding {
-    Finding { check, grade: Grade::Ok, what: what.into(), remedy: None, attempts: Vec::new() }
-}
-
-fn warning(check: &'static str, what: impl Into<String>, remedy: impl Into<String>) -> Finding {
-    Finding { remedy: Some(remedy.into()), grade: Grade::Warning, ..ok(check, what) }
-}
-
-fn wrong(check: &'static str, what: impl Into<String>, remedy: impl Into<String>) -> Finding {
-    Finding { remedy: Some(remedy.into()), grade: Grade::Wrong, ..ok(check, what) }
-}
 
 /// What the doctor has to say as it goes.
 pub enum Diagnosis<'a> {
@@ -234,96 +192,6 @@ fn is_instance_of(source: &str, service: &str) -> bool {
     source.strip_prefix(service).is_some_and(|rest| rest.starts_with('-'))
 }
 
-/// Files that the settings name must be there, be readable, and be what they should be.
-fn files(settings: &Value) -> Vec<Finding> {
-    let named = diagnose::files(settings);
-    let bad: Vec<Finding> = named
-        .iter()
-        .filter_map(|(place, path)| {
-            let cause = unreadable(place, path)?;
-            let remedy = format!("correct {place}, or make the file readable for this user");
-            Some(wrong("certificates", format!("{}: {cause} ({place})", path.display()), remedy))
-        })
-        .collect();
-    match (named.len(), bad.is_empty()) {
-        (0, _) => vec![ok("certificates", "none are named: nothing to read")],
-        (n, true) => {
-            let found = credentials(settings, &SystemClock::start());
-            if found.is_empty() { vec![ok("certificates", format!("{n} files, all readable"))] } else { found }
-        }
-        _ => bad,
-    }
-}
-
-/// Whether the certificates belong to their keys, until when they are in force, and who else can read the keys.
-fn credentials(settings: &Value, clock: &dyn Clock) -> Vec<Finding> {
-    let mut found = Vec::new();
-    for side in ["listen", "connect"] {
-        let Some(files) = session::tls_files(settings, side) else { continue };
-        match files.check(clock) {
-            Err(error) => found.push(wrong("certificates", error.to_string(), "see `supertwin pki --help`")),
-            Ok(certificate) => {
-                let left = pki::span(certificate.left_s(clock));
-                let what = format!("{}: {}, {left} left", files.certificate.display(), certificate.common_name);
-                found.push(match certificate.standing(0, clock) {
-                    pki::Standing::Valid => ok("certificates", what),
-                    _ => warning("certificates", what, "renew it where the authority is: `supertwin pki renew`"),
-                });
-            }
-        }
-        if let Some(text) = pki::loose(&files.key) {
-            found.push(warning("certificates", text, "whoever can read the key can be its holder"));
-        }
-    }
-    found.dedup();
-    found
-}
-
-fn unreadable(place: &str, path: &Path) -> Option<String> {
-    match std::fs::read_to_string(path) {
-        Err(cause) => Some(cause.to_string()),
-        Ok(text) if place.contains("/tls/") && !text.contains("-----BEGIN") => Some("is no PEM file".to_owned()),
-        Ok(_) => None,
-    }
-}
-
-/// Discovery and listeners.
-fn exposed(settings: &Value) -> Vec<Finding> {
-    let mut found: Vec<Finding> = session::exposures(settings)
-        .into_iter()
-        .map(|text| {
-            if text.contains("discovery") {
-                let remedy = "remove it: strangers on the same network would be joined with the vehicle";
-                wrong("discovery", text, remedy)
-            } else {
-                let remedy = "listen on tls/… with certificates, on loopback, or on a unix socket";
-                wrong("listeners", text, remedy)
-            }
-        })
-        .collect();
-    for (check, fine) in [("discovery", "off"), ("listeners", "none beyond this machine without TLS")] {
-        if !found.iter().any(|finding| finding.check == check) {
-            found.push(ok(check, fine));
-        }
-    }
-    found
-}
-
-/// Whether a router's rules are those of this version.
-fn rules(settings: &Value) -> Vec<Finding> {
-    let (Some(vehicle), true) =
-        (settings["metadata"]["vehicle"].as_str(), settings["access_control"]["enabled"] == Value::Bool(true))
-    else {
-        return Vec::new();
-    };
-    let (found, ours) = (access_control::hash(settings), access_control::current_hash(vehicle));
-    if found == ours {
-        return vec![ok("rules", format!("{found}, as this version writes them for {vehicle}"))];
-    }
-    let what = format!("{found}; this version writes {ours} for {vehicle}");
-    vec![warning("rules", what, "write them again with `supertwin zenoh-config vehicle`, or know why they differ")]
-}
-
 /// What each role may and may not, as it was found.
 fn proven(proofs: Vec<Proof>, seen: bool) -> Vec<Finding> {
     let mut found: Vec<Finding> = proofs
@@ -350,184 +218,4 @@ fn proven(proofs: Vec<Proof>, seen: bool) -> Vec<Finding> {
         found.push(warning("rights", what, remedy));
     }
     found
-}
-
-/// A router's file is examined, not obeyed: the doctor is a client of where that router listens.
-fn as_client(mut link: Link, settings: &Value) -> Link {
-    if session::endpoints(settings, "connect").is_empty() {
-        let reachable = session::endpoints(settings, "listen")
-            .into_iter()
-            .filter(|endpoint| !endpoint.ends_with(":0"))
-            .map(|endpoint| endpoint.replace("/0.0.0.0:", "/127.0.0.1:").replace("/[::]:", "/[::1]:"));
-        link.connect = reachable.collect();
-    }
-    link.listen.clear();
-    link.mode = Some("client");
-    link.overrides.extend(
-        ["listen/endpoints=[]", "scouting/multicast/enabled=false", "scouting/gossip/enabled=false"].map(str::to_owned),
-    );
-    link
-}
-
-/// All four, each once.
-fn services(vehicle: &str, instances: &BTreeMap<&str, Vec<&str>>) -> Vec<Finding> {
-    let mut found = Vec::new();
-    for service in SERVICES {
-        if !instances.contains_key(service) {
-            let remedy = format!("start it: supertwin serve {service} --vehicle {vehicle}");
-            found.push(wrong("services", format!("{service} of {vehicle} is missing"), remedy));
-        }
-    }
-    if found.is_empty() {
-        found.push(ok("services", format!("{vehicle}: {}", SERVICES.join(", "))));
-    }
-    for (service, several) in instances.iter().filter(|(_, several)| several.len() > 1) {
-        let names: Vec<String> = several.iter().map(|instance| format!("{service}-{instance}")).collect();
-        let what = format!("{} write the same keys", names.join(" and "));
-        found.push(wrong("writers", what, format!("end all but one {service}")));
-    }
-    found
-}
-
-/// Whether what is alive can also be heard and asked.
-fn access<'a>(services: impl Iterator<Item = (&'a str, bool, bool)>) -> Vec<Finding> {
-    let mut found = Vec::new();
-    for (service, heard, answers) in services {
-        let remedy = |key: &str| {
-            format!(
-                "let this client read supertwin/*/{key} in the router's access_control; if it may, the service hangs"
-            )
-        };
-        match (heard, answers) {
-            (true, true) => {}
-            (false, true) => {
-                let what = format!("{service} answers, but its health isn't heard");
-                found.push(wrong("access", what, remedy("health/**")));
-            }
-            (true, false) => {
-                let what = format!("{service} is heard, but nobody answers state/{service}/now");
-                found.push(wrong("access", what, remedy("state/**")));
-            }
-            (false, false) => {
-                let what = format!("{service} is alive, but neither health nor state of it can be read");
-                found.push(wrong("access", what, remedy("health/** and supertwin/*/state/**")));
-            }
-        }
-    }
-    if found.is_empty() {
-        found.push(ok("access", "health and state of all services can be read"));
-    }
-    found
-}
-
-/// Two writers of one key, as their receivers count them.
-fn writers(healths: &BTreeMap<String, (Health, Health)>) -> Vec<Finding> {
-    let mut found: BTreeMap<&str, Finding> = BTreeMap::new();
-    for (first, last) in healths.values() {
-        for (key, input) in &last.inputs {
-            let before = first.inputs.get(key).map_or(0, |input| input.counts.rivals);
-            let (n, source) = (input.counts.rivals, &input.source);
-            if n > before {
-                let what = format!("{key}: somebody writes it beside {source} ({n} messages so far)");
-                let remedy = "end the other one; `supertwin hz KEY --json` names the writers";
-                found.insert(key, wrong("writers", what, remedy));
-            } else if n > 0 {
-                let what = format!("{key}: {n} messages came from somebody beside {source}, not any more");
-                let remedy = "nothing to do now; `supertwin echo 'event/**'` tells when";
-                found.entry(key).or_insert_with(|| warning("writers", what, remedy));
-            }
-        }
-    }
-    if found.is_empty() && !healths.is_empty() {
-        return vec![ok("writers", "nobody hears a second one")];
-    }
-    found.into_values().collect()
-}
-
-/// Everybody the same version.
-fn versions<'a>(healths: impl Iterator<Item = &'a Health>, ours: &str) -> Vec<Finding> {
-    let others: Vec<Finding> = healths
-        .filter(|health| health.version != ours)
-        .map(|health| {
-            let what = format!("{} is version {}, this is {ours}", health.source, health.version);
-            wrong("versions", what, "install the same version on both ends")
-        })
-        .collect();
-    if others.is_empty() { vec![ok("versions", format!("{ours} everywhere"))] } else { others }
-}
-
-fn clock(offset: Option<diagnose::ClockOffset>) -> Finding {
-    match offset {
-        None => warning("clock", "nobody answers clock/ping", "if the controller is up, let this client query it"),
-        Some(found) => {
-            // Less than the last digit is none, of either sign.
-            let offset = if found.offset_ms.abs() < 0.05 { 0.0 } else { found.offset_ms };
-            let trip = found.round_trip_ms;
-            let what = format!("the vehicle's is {offset:+.1} ms from ours; round trip {trip:.1} ms");
-            // Half the round trip is what can't be known.
-            if offset.abs() - trip / 2.0 > OFFSET_MS {
-                warning("clock", what, "set both clocks, e.g. with chrony; control does not depend on it")
-            } else {
-                ok("clock", what)
-            }
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use serde_json::json;
-    use supertwin_protocol::InputHealth;
-    use supertwin_zenoh::diagnose::ClockOffset;
-
-    #[test]
-    fn another_version_is_named_on_both_ends() {
-        let health =
-            |version: &str| Health { source: "plant-1".to_owned(), version: version.to_owned(), ..Health::default() };
-        let found = versions([health("0.1.0"), health("0.2.0")].iter(), "0.1.0");
-        assert_eq!(found.len(), 1);
-        assert_eq!((found[0].grade, found[0].what.as_str()), (Grade::Wrong, "plant-1 is version 0.2.0, this is 0.1.0"));
-        assert_eq!(versions([health("0.1.0")].iter(), "0.1.0")[0].grade, Grade::Ok);
-    }
-
-    #[test]
-    fn clocks_far_apart_are_a_warning_and_a_slow_link_is_not() {
-        let verdict = |offset_ms, round_trip_ms| clock(Some(ClockOffset { offset_ms, round_trip_ms })).grade;
-        assert_eq!(verdict(-70.0, 2.0), Grade::Warning);
-        assert_eq!(verdict(49.0, 2.0), Grade::Ok);
-        assert_eq!(verdict(60.0, 300.0), Grade::Ok);
-        assert_eq!(clock(None).grade, Grade::Warning);
-    }
-
-    #[test]
-    fn rivals_that_grow_are_wrong_and_those_of_old_a_warning() {
-        let health = |rivals| {
-            let mut input = InputHealth { source: "controller-1".to_owned(), ..InputHealth::default() };
-            input.counts.rivals = rivals;
-            Health { inputs: BTreeMap::from([("controller/thrust".to_owned(), input)]), ..Health::default() }
-        };
-        let verdict =
-            |first, last| writers(&BTreeMap::from([("plant-1".to_owned(), (health(first), health(last)))]))[0].grade;
-        assert_eq!(verdict(3, 5), Grade::Wrong);
-        assert_eq!(verdict(5, 5), Grade::Warning);
-        assert_eq!(verdict(0, 0), Grade::Ok);
-        assert!(writers(&BTreeMap::new()).is_empty(), "who heard nothing says nothing");
-    }
-
-    #[test]
-    fn who_is_alive_and_can_not_be_read_is_found() {
-        let found =
-            access([("plant", true, true), ("guidance", false, true), ("controller", false, false)].into_iter());
-        let services: Vec<&str> = found.iter().map(|finding| finding.what.split(' ').next().expect("word")).collect();
-        assert_eq!(services, ["guidance", "controller"]);
-        assert!(found.iter().all(|finding| finding.grade == Grade::Wrong && finding.remedy.is_some()));
-    }
-
-    #[test]
-    fn a_routers_file_makes_a_client_of_that_router() {
-        let listen = json!({ "listen": { "endpoints": ["tcp/0.0.0.0:7447", "tcp/127.0.0.1:0"] } });
-        let link = as_client(Link { mode: Some("router"), ..Link::default() }, &listen);
-        assert_eq!((link.mode, link.connect), (Some("client"), vec!["tcp/127.0.0.1:7447".to_owned()]));
-    }
 }

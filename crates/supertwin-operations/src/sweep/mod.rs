@@ -3,6 +3,7 @@
 //! The folder of a sweep has a journal with a line for every finished run, and, when all are finished, the table, the
 //! report and its figures. The same call goes on where an earlier one was ended.
 
+mod configuration_runs;
 mod execute;
 mod figures;
 mod gather;
@@ -12,10 +13,10 @@ mod run_row;
 
 use crate::placement::provenance;
 use crate::{OperationError, Progress, Stopwatch};
+pub use configuration_runs::Configured;
 use execute::Campaign;
 use journal::{Heading, Journal};
 use rayon::prelude::*;
-pub use report::Configured;
 pub use run_row::{RunRow, RunVerdict};
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
@@ -161,7 +162,7 @@ impl Swept {
     /// Means and intervals of every configuration; resamples, so it takes a moment.
     #[must_use]
     pub fn summaries(&self) -> Vec<Configured> {
-        report::summaries(&self.prepared, &self.rows)
+        configuration_runs::summaries(&self.prepared, &self.rows)
     }
 }
 

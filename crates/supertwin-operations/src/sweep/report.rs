@@ -1,15 +1,16 @@
-//! The report of a sweep: means with their intervals, paired differences, who is best, what a parameter does.
+//! The report of a sweep, its tables and figures.
 
+use super::configuration_runs::{
+    ConfigurationRuns, Estimate, Score, chapters, difference, estimate, grid, groups, wins,
+};
 use super::figures::{self, IntervalPanel, IntervalRow, ScatterPanel, Series};
 use super::run_row::{self, RunRow};
 use super::{Prepared, TABLE, program, verdicts};
 use crate::OperationError;
 use rayon::prelude::*;
-use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
-use supertwin_lab::metrics::{self, Metric};
-use supertwin_lab::statistics::{self, Better, Difference, Interval, Summary, bootstrap_interval};
+use supertwin_lab::statistics::{self, Better, Difference, DifferenceVerdict, Interval};
 use supertwin_lab::sweep::{Parameter, rank_correlation};
 
 /// Name of the report in the folder of the sweep.
@@ -22,149 +23,6 @@ const SHOWN: usize = 60;
 const COMPARED: usize = 12;
 /// Invalid runs that are listed.
 const LISTED: usize = 50;
-
-/// A score of the report.
-struct Score {
-    metric: &'static Metric,
-    label: String,
-    digits: usize,
-}
-
-/// Groups of scores, each a table and a figure.
-struct Chapter {
-    title: &'static str,
-    /// Of its figure's file.
-    short: &'static str,
-    scores: Vec<Score>,
-}
-
-fn chapters() -> [Chapter; 3] {
-    let score = |metric: &'static Metric, digits| Score { metric, label: metric.label(), digits };
-    let errors = |family: &str| {
-        let metrics = metrics::all_metrics().iter().filter(|metric| metric.family.name == family);
-        metrics.map(|metric| score(metric, 3)).collect()
-    };
-    let cost = [
-        ("activity.surge", 1),
-        ("activity.sway", 1),
-        ("activity.heave", 1),
-        ("activity.yaw", 2),
-        ("sway_bias_in_travel_direction_m_per_s", 3),
-        ("k1_end.heave", 1),
-    ];
-    let cost = cost.into_iter().filter_map(|(name, digits)| Some(score(metrics::named(name)?, digits)));
-    [
-        Chapter { title: "Root-mean-square errors, measured", short: "measured", scores: errors("measured") },
-        Chapter { title: "Root-mean-square errors, true", short: "true", scores: errors("true") },
-        Chapter { title: "What it cost", short: "cost", scores: cost.collect() },
-    ]
-}
-
-/// Runs that differ in seeds and samples only.
-struct ConfigurationRuns<'a> {
-    trial: &'a str,
-    controller: &'a str,
-    grid: usize,
-    /// Per parameter of the grid its value, if it concerns the controller.
-    values: Vec<Option<&'a toml::Value>>,
-    /// By sample and seed.
-    rows: BTreeMap<(usize, u64), &'a RunRow>,
-}
-
-impl ConfigurationRuns<'_> {
-    fn values(&self, score: &str) -> Vec<f64> {
-        self.rows.values().filter_map(|row| row.scores.get(score).copied()).collect()
-    }
-
-    /// `agsta, hs = 0.3`
-    fn label(&self, parameters: &[&Parameter]) -> String {
-        let mut label = self.controller.to_owned();
-        for (parameter, value) in parameters.iter().zip(&self.values) {
-            if let Some(value) = value {
-                label += &format!(", {} = {}", last(&parameter.name), run_row::value_text(value));
-            }
-        }
-        label
-    }
-}
-
-/// The last word of a path.
-fn last(name: &str) -> &str {
-    name.rsplit('.').next().unwrap_or(name)
-}
-
-/// Parameters of the grid that change anything.
-fn grid(prepared: &Prepared) -> Vec<(usize, &Parameter)> {
-    let parameters = prepared.sweep.parameters.iter().enumerate();
-    parameters.filter(|(_, parameter)| !parameter.sampled && parameter.values.len() > 1).collect()
-}
-
-fn groups<'a>(prepared: &'a Prepared, rows: &'a [RunRow]) -> Vec<ConfigurationRuns<'a>> {
-    let grid = grid(prepared);
-    let mut places: BTreeMap<(&str, usize, &str), usize> = BTreeMap::new();
-    let mut groups: Vec<ConfigurationRuns<'a>> = Vec::new();
-    for row in rows {
-        let planned = &prepared.plan.runs[row.run];
-        let one = &prepared.plan.configurations[planned.configuration];
-        let (trial, controller) = (one.trial.name.as_str(), one.trial.controller_name.as_str());
-        let place = *places.entry((trial, one.grid, controller)).or_insert_with(|| {
-            let values = grid.iter().map(|(i, _)| one.values[*i].as_ref()).collect();
-            groups.push(ConfigurationRuns { trial, controller, grid: one.grid, values, rows: BTreeMap::new() });
-            groups.len() - 1
-        });
-        groups[place].rows.insert((one.sample, planned.seed), row);
-    }
-    groups
-}
-
-/// Mean and interval of a score.
-#[derive(Serialize)]
-struct Estimate {
-    #[serde(flatten)]
-    summary: Summary,
-    /// Of the mean, by bootstrap.
-    interval: Option<Interval>,
-}
-
-fn estimate(group: &ConfigurationRuns<'_>, score: &str) -> Option<Estimate> {
-    let values = group.values(score);
-    let name = format!("{} {} {} {score}", group.trial, group.grid, group.controller);
-    Some(Estimate { summary: Summary::of(values.iter().copied())?, interval: bootstrap_interval(&values, &name) })
-}
-
-/// Runs with the same controller at the same point, for `--json`.
-#[derive(Serialize)]
-pub struct Configured {
-    trial: String,
-    controller: String,
-    grid: usize,
-    parameters: BTreeMap<String, toml::Value>,
-    runs: usize,
-    scores: BTreeMap<String, Estimate>,
-}
-
-/// Means and intervals of every configuration.
-pub(super) fn summaries(prepared: &Prepared, rows: &[RunRow]) -> Vec<Configured> {
-    let grid = grid(prepared);
-    let chapters = chapters();
-    let summary = |group: &ConfigurationRuns<'_>| Configured {
-        trial: group.trial.to_owned(),
-        controller: group.controller.to_owned(),
-        grid: group.grid,
-        parameters: grid
-            .iter()
-            .zip(&group.values)
-            .filter_map(|((_, parameter), value)| Some((parameter.name.clone(), (*value)?.clone())))
-            .collect(),
-        runs: group.rows.len(),
-        scores: chapters
-            .iter()
-            .flat_map(|chapter| &chapter.scores)
-            .filter_map(|score| Some((score.metric.name.clone(), estimate(group, &score.metric.name)?)))
-            .collect(),
-    };
-    groups(prepared, rows).par_iter().map(summary).collect()
-}
 
 /// Writes report and figures; what is there is replaced.
 pub(super) fn write(prepared: &Prepared, rows: &[RunRow], folder: &Path) -> Result<(), OperationError> {
@@ -558,20 +416,6 @@ fn cell(estimate: Option<&Estimate>, score: &Score) -> String {
     }
 }
 
-fn difference(base: &ConfigurationRuns<'_>, other: &ConfigurationRuns<'_>, score: &Score) -> Option<Difference> {
-    // Runs are paired by sample and seed; a key stands for such a pair.
-    let keys: BTreeMap<(usize, u64), u64> = base.rows.keys().copied().zip(0..).collect();
-    let values = |group: &ConfigurationRuns<'_>| -> BTreeMap<u64, f64> {
-        let rows = group.rows.iter();
-        rows.filter_map(|(key, row)| Some((*keys.get(key)?, *row.scores.get(&score.metric.name)?))).collect()
-    };
-    let name = format!(
-        "{} {} {} {} {} {}",
-        base.trial, base.grid, base.controller, other.grid, other.controller, score.metric.name
-    );
-    Difference::of(&values(base), &values(other), score.metric.family.better, &name)
-}
-
 /// `+0.0212 [+0.0181, +0.0243] worse in 20 of 20`
 fn told(difference: &Difference, digits: usize) -> String {
     // Differences within a pair are known better than the values themselves.
@@ -581,32 +425,13 @@ fn told(difference: &Difference, digits: usize) -> String {
         .map_or_else(String::new, |Interval { low, high }| format!(" [{low:+.digits$}, {high:+.digits$}]"));
     let of = difference.seeds;
     let verdict = match difference.verdict {
-        statistics::DifferenceVerdict::Better => format!("**better** in {} of {of}", difference.better_seeds),
-        statistics::DifferenceVerdict::Worse => format!("**worse** in {} of {of}", difference.worse_seeds),
-        statistics::DifferenceVerdict::Equal => "equal".to_owned(),
-        statistics::DifferenceVerdict::TooFewSeeds => format!("too few runs ({of})"),
-        statistics::DifferenceVerdict::NoClearDifference | statistics::DifferenceVerdict::Different => {
+        DifferenceVerdict::Better => format!("**better** in {} of {of}", difference.better_seeds),
+        DifferenceVerdict::Worse => format!("**worse** in {} of {of}", difference.worse_seeds),
+        DifferenceVerdict::Equal => "equal".to_owned(),
+        DifferenceVerdict::TooFewSeeds => format!("too few runs ({of})"),
+        DifferenceVerdict::NoClearDifference | DifferenceVerdict::Different => {
             format!("no clear difference (better in {} of {of})", difference.better_seeds)
         }
     };
     format!("{:+.digits$}{interval} {verdict}", difference.mean)
-}
-
-/// In how many runs each group has the least value, and of how many that all of them have. A tie counts for nobody.
-fn wins(groups: &[&ConfigurationRuns<'_>], score: &str) -> (Vec<usize>, usize) {
-    let mut counts = vec![0; groups.len()];
-    let mut of = 0;
-    let Some(first) = groups.first() else { return (counts, of) };
-    for key in first.rows.keys() {
-        let values: Option<Vec<f64>> =
-            groups.iter().map(|group| group.rows.get(key)?.scores.get(score).copied()).collect();
-        let Some(values) = values else { continue };
-        of += 1;
-        let least = values.iter().copied().fold(f64::INFINITY, f64::min);
-        let mut holders = (0..values.len()).filter(|i| values[*i] == least);
-        if let (Some(winner), None) = (holders.next(), holders.next()) {
-            counts[winner] += 1;
-        }
-    }
-    (counts, of)
 }
