@@ -37,13 +37,13 @@ const MAX_LIFETIME: Duration = Duration::from_secs(100 * 365 * 24 * 3600);
 pub struct Request {
     /// What its holder may do.
     pub role: Role,
-    /// With which vehicles.
+    /// The vehicles with which it may.
     pub scope: Scope,
     /// Who holds it: a name of its own in this fleet.
     pub holder: String,
     /// DNS names and addresses at which it is reached; only for a role that listens.
     pub hosts: Vec<String>,
-    /// From now on.
+    /// How long the certificate is in force, from now on.
     pub lifetime: Duration,
 }
 
@@ -61,7 +61,7 @@ impl Request {
         self
     }
 
-    /// For this long.
+    /// In force for this long, from now on.
     #[must_use]
     pub fn during(mut self, lifetime: Duration) -> Self {
         self.lifetime = lifetime;
@@ -180,7 +180,7 @@ impl Authority {
         Ok(Self { folder: folder.to_owned(), certificate, fleet, issuer })
     }
 
-    /// Its own certificate.
+    /// The certificate of the authority itself.
     #[must_use]
     pub fn certificate(&self) -> &Certificate {
         &self.certificate

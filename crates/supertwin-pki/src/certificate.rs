@@ -28,13 +28,13 @@ pub struct Certificate {
     pub hosts: Vec<String>,
     /// Common name of the authority that signed it.
     pub issuer: String,
-    /// In hexadecimal digits.
+    /// Serial number, in hexadecimal digits.
     pub serial: String,
     /// Whether it is an authority's own.
     pub is_authority: bool,
-    /// Seconds since 1970.
+    /// Begin of its validity, seconds since 1970.
     pub not_before_s: i64,
-    /// Seconds since 1970.
+    /// End of its validity, seconds since 1970.
     pub not_after_s: i64,
     #[serde(skip)]
     pub(crate) der: Vec<u8>,
@@ -44,11 +44,11 @@ pub struct Certificate {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Standing {
-    /// In force.
+    /// In force, and not about to end.
     Valid,
     /// In force, and about to end.
     ExpiresSoon,
-    /// Over.
+    /// No longer in force.
     Expired,
     /// Not yet in force: most likely this machine's clock is behind.
     NotYetValid,

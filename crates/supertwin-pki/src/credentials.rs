@@ -15,7 +15,7 @@ pub(crate) const CA_CERTIFICATE: &str = "ca.pem";
 pub struct Credentials {
     /// The authority's certificate.
     pub ca: PathBuf,
-    /// The holder's.
+    /// The holder's certificate.
     pub certificate: PathBuf,
     /// The holder's key.
     pub key: PathBuf,

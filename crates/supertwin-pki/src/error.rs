@@ -8,7 +8,7 @@ pub enum PkiError {
     /// A file, and what is wrong with it.
     #[error("{path}: {cause}")]
     File {
-        /// Which.
+        /// Path of the file.
         path: String,
         /// Why, and what to do.
         cause: String,

@@ -15,7 +15,7 @@ use supertwin_protocol::clock::Clock;
 pub struct Examined {
     /// The certificate's file.
     pub path: PathBuf,
-    /// What it says.
+    /// What the certificate says.
     #[serde(flatten)]
     pub certificate: Certificate,
     /// How it stands now.

@@ -254,7 +254,7 @@ fn published_by_services() -> Vec<AccessRow> {
     ]
 }
 
-/// What is asked.
+/// Questions that services answer.
 fn queried() -> Vec<AccessRow> {
     let command = |service: &str| keys::command(service, "*");
     let param = |service: &str| keys::param(service, "**");

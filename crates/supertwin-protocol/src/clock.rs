@@ -16,7 +16,7 @@ pub trait Clock: Send + Sync {
 pub struct SystemClock(Instant);
 
 impl SystemClock {
-    /// Starts now.
+    /// A clock whose zero is now.
     #[must_use]
     pub fn start() -> Self {
         Self(Instant::now())

@@ -25,7 +25,7 @@ const MAX_WAITING: usize = 1024;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Request {
-    /// Who asks.
+    /// Name of the client, the same as in its lease.
     pub client: String,
     /// Counts the client's requests: the same number is the same request, sent again.
     pub seq: u64,
@@ -40,7 +40,7 @@ pub struct Request {
     pub at_tick: Option<u64>,
 }
 
-/// The answer.
+/// The answer to a request.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "status", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Answer {
@@ -48,7 +48,7 @@ pub enum Answer {
     Scheduled {
         /// Number of the request.
         seq: u64,
-        /// When it applies.
+        /// Tick at which it applies.
         apply_tick: u64,
         /// The service's next tick, when it answered.
         tick: u64,
@@ -57,7 +57,7 @@ pub enum Answer {
     Refused {
         /// Number of the request, if it could be read.
         seq: u64,
-        /// Why.
+        /// What is wrong with the request, for people.
         reason: String,
     },
 }
@@ -65,7 +65,7 @@ pub enum Answer {
 /// A command that waits for its tick.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ScheduledCommand<C> {
-    /// The command.
+    /// The command, as the block takes it.
     pub command: C,
     /// Who asked for it, or nobody for the mission.
     pub by: Option<CommandSource>,
@@ -100,16 +100,16 @@ struct LastRequest {
 pub struct CommandQueue<C> {
     clients: BTreeMap<String, LastRequest>,
     waiting: BTreeMap<u64, Vec<ScheduledCommand<C>>>,
-    /// What it did.
+    /// Requests and commands so far.
     pub counts: CommandCounts,
 }
 
 /// The moment of a request: the wall, the next tick, its length, and how far ahead commands are scheduled.
 #[derive(Clone, Copy, Debug)]
 pub struct RequestTime {
-    /// The host's clock.
+    /// Time of the host's clock.
     pub now: Duration,
-    /// The next tick.
+    /// The next tick that will be stepped.
     pub next: u64,
     /// Length of a tick.
     pub tick_s: f64,
@@ -250,7 +250,7 @@ impl<C: Serialize + DeserializeOwned + Clone> CommandQueue<C> {
         core::mem::replace(&mut self.waiting, later).into_values().flatten().collect()
     }
 
-    /// Commands that wait.
+    /// Number of commands that wait for their tick.
     #[must_use]
     pub fn waiting(&self) -> usize {
         self.waiting.values().map(Vec::len).sum()

@@ -60,10 +60,10 @@ pub struct Received {
 /// A payload that is no message.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum Rejected {
-    /// Not looked at.
+    /// Too long, and therefore not parsed.
     #[error("{0} bytes: must be at most {MAX_PAYLOAD}")]
     TooLarge(usize),
-    /// Not this message.
+    /// No JSON, or not of this message's schema.
     #[error("{0}")]
     Malformed(String),
 }

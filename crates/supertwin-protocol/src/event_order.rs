@@ -33,7 +33,7 @@ pub struct EventOrder {
 }
 
 impl EventOrder {
-    /// Takes an event.
+    /// Takes an event that has arrived at `now`, in whatever order.
     pub fn push(&mut self, heard: Received, now: Duration) {
         let header = decode::<IgnoredAny>(&heard.payload).ok();
         let Some((source, seq)) = header.map(|event: Envelope<'_, IgnoredAny>| (event.source.into_owned(), event.seq))
@@ -74,7 +74,7 @@ impl EventOrder {
         }
     }
 
-    /// The next event.
+    /// The next event in its service's order, if it is ready.
     pub fn pop(&mut self) -> Option<Received> {
         self.ready.pop_front()
     }

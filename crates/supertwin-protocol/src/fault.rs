@@ -21,7 +21,7 @@ pub struct Fault {
 }
 
 impl Fault {
-    /// For one sender.
+    /// The faults of one sender, from a stream of random numbers of its own.
     #[must_use]
     pub fn new(rates: FaultRates, sender: &'static str) -> Self {
         Self { rates, stream: Stream::new(rates.seed, sender) }

@@ -9,9 +9,9 @@ use std::collections::BTreeMap;
 /// One input of a service, in its health message.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct InputHealth {
-    /// Who writes it.
+    /// Service and instance that writes it.
     pub source: String,
-    /// The account.
+    /// Counters of the sequence numbers.
     #[serde(flatten)]
     pub counts: Counts,
     /// First and newest sequence number of the present writer: while it has been the only one, the numbers in between
@@ -28,7 +28,7 @@ pub struct InputHealth {
 /// A service's counters, once a second.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Health {
-    /// The run.
+    /// Identifier of the run.
     pub run: String,
     /// Service and instance.
     pub source: String,
@@ -36,7 +36,7 @@ pub struct Health {
     pub version: String,
     /// The sender's clock, nanoseconds since 1970.
     pub clock_ns: u64,
-    /// The last tick.
+    /// The last tick that was stepped.
     pub tick: u64,
     /// Length of a tick.
     pub tick_s: f64,
@@ -65,7 +65,7 @@ pub struct Health {
     pub loop_us: [f64; 3],
     /// Inputs by key.
     pub inputs: BTreeMap<String, InputHealth>,
-    /// Requests.
+    /// Commands that were requested, by their outcome.
     pub commands: CommandCounts,
     /// Streaming set-points taken and refused.
     pub setpoints: [u64; 2],

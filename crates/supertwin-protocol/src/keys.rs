@@ -57,7 +57,7 @@ pub fn held(service: &str, wire: &str) -> String {
     format!("state/{service}/held/{wire}")
 }
 
-/// What happened.
+/// Events of a service.
 #[must_use]
 pub fn event(service: &str) -> String {
     format!("event/{service}")

@@ -17,9 +17,9 @@ const MAX_TOKEN: usize = 128;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct LeaseRequest {
-    /// Who asks.
+    /// Name of the client.
     pub client: String,
-    /// What.
+    /// Whether it acquires, renews, releases or asks for the lease.
     pub action: LeaseAction,
     /// For how long, when acquiring or renewing.
     #[serde(default)]
@@ -35,15 +35,15 @@ pub struct LeaseRequest {
 pub enum LeaseAction {
     /// Take the lease, if nobody has it.
     Acquire,
-    /// Keep it.
+    /// Keep the lease that the client holds.
     Renew,
     /// Give it back: the vehicle goes on with what it was told.
     Release,
-    /// Who has it?
+    /// Ask who has it, and change nothing.
     Status,
 }
 
-/// The answer.
+/// The answer to a [`LeaseRequest`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct LeaseReply {
@@ -56,7 +56,7 @@ pub struct LeaseReply {
     /// Goes with every command; only in the answer to the one who acquired.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub token: Option<String>,
-    /// Why not.
+    /// Why it was not granted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
 }
@@ -159,7 +159,7 @@ pub struct Authority {
 }
 
 impl Authority {
-    /// The lease now.
+    /// The lease as it stands now.
     #[must_use]
     pub fn view(&self) -> &LeaseView {
         &self.view

@@ -35,12 +35,12 @@ pub struct Counts {
 pub enum SequenceCheck {
     /// Not seen before; `gap` numbers were jumped over.
     New {
-        /// How many.
+        /// Numbers between the last one and this that have not come.
         gap: u64,
     },
     /// Another instance writes from here on.
     Takeover,
-    /// Seen before.
+    /// A number that has been seen before.
     Duplicate,
     /// Somebody else writes while the first writer is alive: not taken.
     Rival,
@@ -56,7 +56,7 @@ pub struct Ledger {
     window: u128,
     heard_at: Duration,
     silence: Duration,
-    /// The counters.
+    /// Counters of what the sequence numbers meant.
     pub counts: Counts,
 }
 
@@ -75,7 +75,7 @@ impl Ledger {
         }
     }
 
-    /// Who writes.
+    /// Service and instance of the writer.
     #[must_use]
     pub fn source(&self) -> &str {
         &self.source
@@ -98,7 +98,7 @@ impl Ledger {
         self.heard_at = (self.heard_at + stall).min(now);
     }
 
-    /// Enters a message.
+    /// Enters the number of a message that has arrived at `now`, and tells what it means.
     pub fn enter(&mut self, source: &str, seq: u64, now: Duration) -> SequenceCheck {
         if self.source != source {
             let alive = !self.source.is_empty() && now.saturating_sub(self.heard_at) < self.silence;

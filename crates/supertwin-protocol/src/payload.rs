@@ -8,15 +8,15 @@ use serde_json::Value;
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Stop {
-    /// Which run.
+    /// Identifier of the run that is over.
     pub run: String,
-    /// Who says so.
+    /// Service and instance that ends it.
     pub source: String,
-    /// At which tick.
+    /// The tick at which it ends.
     pub tick: u64,
     /// All ticks were done.
     pub complete: bool,
-    /// Why.
+    /// Why it ends, for people.
     pub reason: String,
 }
 
@@ -24,9 +24,9 @@ pub struct Stop {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Seen {
-    /// Which run.
+    /// Identifier of the run.
     pub run: String,
-    /// Which witness.
+    /// Name and instance of the witness.
     pub source: String,
     /// The newest tick of which it has everything.
     pub tick: u64,
@@ -39,9 +39,9 @@ pub struct Seen {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct StreamedSetpoint {
-    /// Who sends.
+    /// Name of the client, the same as in its lease.
     pub client: String,
-    /// Proof of authority.
+    /// Proof of authority, from the lease.
     pub token: String,
     /// Counts the client's samples on this key.
     pub seq: u64,
@@ -54,9 +54,9 @@ pub struct StreamedSetpoint {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Applied {
-    /// What was set.
+    /// The value that was set.
     pub value: Value,
-    /// Since when.
+    /// The tick at which it applied.
     pub applied_tick: u64,
     /// Who asked for it: `client seq 7`; null for the mission.
     pub by: Option<String>,
@@ -74,11 +74,11 @@ pub struct Pong {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Now {
-    /// The run.
+    /// Identifier of the run.
     pub run: String,
-    /// Who says so.
+    /// Service and instance that answers.
     pub source: String,
-    /// The next tick.
+    /// The next tick that will be stepped.
     pub next: u64,
 }
 

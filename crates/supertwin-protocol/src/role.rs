@@ -68,7 +68,7 @@ impl FromStr for Role {
 pub enum Scope {
     /// All of the fleet.
     Fleet,
-    /// This one.
+    /// The one vehicle of this name.
     Vehicle(String),
 }
 

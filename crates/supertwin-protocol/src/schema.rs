@@ -23,7 +23,7 @@ pub struct Described {
     pub name: &'static str,
     /// Where it travels, relative to the vehicle's namespace; `*` stands for one word, `**` for several.
     pub key: String,
-    /// What it is.
+    /// What the message tells, in a sentence.
     pub about: &'static str,
     /// JSON Schema, draft 2020-12.
     pub schema: Value,

@@ -79,7 +79,7 @@ impl SignalList {
         self.grown
     }
 
-    /// All of them.
+    /// Path, components, units and meaning of all of them.
     pub fn descriptions(&self) -> Vec<Description<'static>> {
         self.known.iter().map(|signal| Description::of(signal)).collect()
     }
@@ -120,12 +120,12 @@ pub struct Description<'a> {
     pub components: Vec<Cow<'a, str>>,
     /// Unit of every component, or one unit for all of them.
     pub units: Vec<Cow<'a, str>>,
-    /// What it is.
+    /// What the signal means.
     pub about: Cow<'a, str>,
 }
 
 impl Description<'static> {
-    /// Of a signal.
+    /// The description of a signal.
     #[must_use]
     pub fn of(signal: &'static Signal) -> Self {
         let all = |words: &'static [&'static str]| words.iter().map(|word| Cow::Borrowed(*word)).collect();
@@ -178,9 +178,9 @@ impl<M: SerializeMap> Probe for SignalMapWriter<M> {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AppliedBefore {
-    /// When.
+    /// The tick at which it applied.
     pub tick: u64,
-    /// What.
+    /// The command, as the block took it.
     pub command: Value,
 }
 

@@ -15,7 +15,7 @@ const KINDS: usize = 64;
 const SESSIONS: usize = 256;
 /// Longest part of a report that somebody else has written.
 const QUOTED: usize = 160;
-/// Between two reports.
+/// Shortest time between two reports.
 const REPORT: Duration = Duration::from_secs(1);
 
 /// Something that happened at a router's listener; [`AccessLog`] says how often since the last report.
@@ -25,28 +25,28 @@ pub enum AccessEvent {
     Connected {
         /// Common name of the certificate.
         name: String,
-        /// Address.
+        /// Address and port from which it came.
         from: String,
     },
     /// Somebody was refused before a word was said.
     ConnectionRefused {
-        /// Why.
+        /// Reason of TLS, as Zenoh logs it.
         reason: String,
     },
     /// Somebody whose certificate has no role here; he may do nothing.
     WithoutRole {
-        /// His session.
+        /// Identifier of the Zenoh session.
         session: String,
     },
     /// Somebody tried what he may not.
     MessageRefused {
         /// Common name of the certificate, if it is known.
         name: String,
-        /// His session.
+        /// Identifier of the Zenoh session.
         session: String,
-        /// What he tried.
+        /// What was tried: put, query, declare …, in lower case.
         action: String,
-        /// On which key.
+        /// Key on which it was tried.
         key: String,
     },
     /// More refusals than are told one by one.

@@ -27,7 +27,7 @@ pub enum ClientError {
     /// The service said no.
     #[error("refused: {0}")]
     Refused(String),
-    /// Nobody answered.
+    /// Nobody answered within the time allowed.
     #[error("no answer from {key}: is the service up, and may you reach it?")]
     NoAnswer {
         /// Where the question went.
@@ -38,7 +38,7 @@ pub enum ClientError {
     Strange {
         /// Where the question went.
         key: String,
-        /// Why.
+        /// Why the answer could not be read.
         cause: String,
     },
     /// The session failed.
@@ -138,7 +138,7 @@ impl Client {
         self.seq
     }
 
-    /// The client's name.
+    /// Name that this client gives with its requests.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.name
@@ -250,13 +250,13 @@ impl Client {
         }
     }
 
-    /// The session.
+    /// Session on which it asks.
     #[must_use]
     pub fn session(&self) -> &Session {
         &self.session
     }
 
-    /// The vehicle.
+    /// Name of the vehicle that it asks.
     #[must_use]
     pub fn vehicle(&self) -> &str {
         &self.vehicle

@@ -40,7 +40,7 @@ pub fn ask_all(session: &Session, key: &str) -> Result<Vec<(String, Value)>, Lin
 pub struct ClockOffset {
     /// Their clock minus ours; known to half the round trip.
     pub offset_ms: f64,
-    /// There and back.
+    /// Time from the question to its answer.
     pub round_trip_ms: f64,
 }
 

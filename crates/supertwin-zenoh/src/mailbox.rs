@@ -14,7 +14,7 @@ const REQUESTS: usize = 64;
 /// Room for requests that may not be crowded out.
 const URGENT: usize = 16;
 
-/// Something that arrived.
+/// A message or a request that has arrived and waits for the engine.
 #[derive(Debug)]
 pub enum Arrival {
     /// A message on a wire: number of the host, number of its wire.
@@ -26,9 +26,9 @@ pub enum Arrival {
 /// What did not fit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Overflow {
-    /// Messages of wires.
+    /// Messages of wires that did not fit.
     pub wires: u64,
-    /// Requests.
+    /// Requests that did not fit.
     pub requests: u64,
 }
 
@@ -85,7 +85,7 @@ impl Mailbox {
         self.arrived.notify_one();
     }
 
-    /// Ends a wait.
+    /// Ends a wait of the engine, although nothing has arrived.
     pub fn wake(&self) {
         self.lock().woken = true;
         self.arrived.notify_one();

@@ -22,12 +22,12 @@ const OUTGOING: usize = 4096;
 /// How often a service says which event was its last: who was away when it was sent finds out by this.
 const HEARTBEAT: Duration = Duration::from_millis(500);
 
-/// Something to send.
+/// A message that is not telemetry and waits to be sent.
 #[derive(Debug)]
 pub(crate) enum Outgoing {
-    /// An event.
+    /// An event, never dropped.
     Event(Vec<u8>),
-    /// Counters.
+    /// Counters of the service, as JSON.
     Health(Vec<u8>),
     /// A state for late joiners.
     State(String, Vec<u8>),

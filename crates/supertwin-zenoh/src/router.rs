@@ -34,7 +34,7 @@ pub enum News {
     Warning(String),
 }
 
-/// A router.
+/// A router in this process, which takes up a renewed certificate by itself.
 pub struct Router {
     session: Session,
     gate: Option<Gate>,
@@ -103,7 +103,7 @@ impl Router {
         inside.chain(self.gate.iter().flat_map(|gate| gate.places.clone())).collect()
     }
 
-    /// Closes it.
+    /// Closes its listeners for others, then its session.
     pub fn close(self) {
         // The gate first: it must not look for a router that is gone.
         drop(self.gate);

@@ -59,7 +59,7 @@ impl ServicePublisher {
         Ok(Self { outbox, service, source: format!("{service}-{instance}"), clock, events: 0, _token: None })
     }
 
-    /// Service and instance.
+    /// Service and instance as which it publishes.
     #[must_use]
     pub fn source(&self) -> &str {
         &self.source

@@ -11,7 +11,7 @@ use zenoh::{Config, Session, Wait};
 /// How a process joins the network.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Link {
-    /// A JSON5 file.
+    /// A JSON5 file in Zenoh's own format.
     pub file: Option<PathBuf>,
     /// Endpoints to listen on, instead of the file's.
     pub listen: Vec<String>,
@@ -35,44 +35,44 @@ pub enum LinkError {
     /// The file can't be read or is no JSON5.
     #[error("{path}: {cause}")]
     File {
-        /// Which.
+        /// Path of the file.
         path: String,
-        /// Why.
+        /// Why it can't be read, or where it is no JSON5.
         cause: String,
     },
     /// A setting is not Zenoh's.
     #[error("{place}: {cause}")]
     Setting {
-        /// Where it stands.
+        /// The override, or the file, that gives it.
         place: String,
-        /// Why.
+        /// What Zenoh says against it.
         cause: String,
     },
     /// Certificates or keys can't be used.
     #[error(transparent)]
     Pki(#[from] PkiError),
-    /// Nobody answers.
+    /// No router answers, or none with which a connection can be made.
     #[error("no router at {endpoints}: {cause}")]
     NoRouter {
         /// Where it was looked for.
         endpoints: String,
-        /// Why.
+        /// Why no connection came about, and what to do.
         cause: String,
     },
-    /// Can't listen.
+    /// No listener could be opened.
     #[error("can't listen on {endpoints}: {cause}")]
     Listen {
-        /// Where.
+        /// Endpoints on which it should have listened.
         endpoints: String,
-        /// Why.
+        /// What the system says against it.
         cause: String,
     },
     /// Something that was asked of the session failed.
     #[error("{what}: {cause}")]
     Session {
-        /// What.
+        /// Key or action of which it was asked.
         what: String,
-        /// Why.
+        /// Zenoh's own error.
         cause: String,
     },
 }

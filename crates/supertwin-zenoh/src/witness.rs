@@ -38,15 +38,15 @@ pub struct WitnessOptions {
 /// Why a witness stopped looking.
 #[derive(Debug, thiserror::Error)]
 pub enum WitnessError {
-    /// The network failed.
+    /// The session failed, or something could not be declared on it.
     #[error(transparent)]
     Link(#[from] LinkError),
     /// The ring stands still.
     #[error("tick {tick}: nothing from {missing} for {waited_s:.0} s")]
     Silent {
-        /// Where.
+        /// Tick of which messages are missing.
         tick: u64,
-        /// Who is missing.
+        /// Services of which nothing has come.
         missing: String,
         /// How long it waited.
         waited_s: f64,
@@ -54,11 +54,11 @@ pub enum WitnessError {
     /// Somebody ended the run.
     #[error("tick {tick}: {source_name} ended the run: {reason}; the witness still missed {missing}")]
     Stopped {
-        /// Where.
+        /// Tick that the witness waited for.
         tick: u64,
-        /// Who.
+        /// Service and instance that ended the run.
         source_name: String,
-        /// Why.
+        /// The reason that it gave.
         reason: String,
         /// Whose telemetry of this tick had not come.
         missing: String,
@@ -66,11 +66,11 @@ pub enum WitnessError {
     /// A message could not be read.
     #[error("tick {tick}: {service}: {cause}")]
     Malformed {
-        /// Where.
+        /// Tick that the witness waited for.
         tick: u64,
-        /// Whose.
+        /// Service that sent the message.
         service: &'static str,
-        /// Why.
+        /// Why it could not be read.
         cause: String,
     },
     /// Stopped from outside.

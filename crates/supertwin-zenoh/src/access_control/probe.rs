@@ -27,11 +27,11 @@ const TRIES: u32 = 4;
 /// What came of an attempt.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Seen {
-    /// Nothing at all.
+    /// Nothing that belongs to it was seen.
     Nothing,
     /// Something, but not all that belongs to it: a question arrived and its answer did not.
     Part,
-    /// It worked.
+    /// All that belongs to it was seen.
     All,
 }
 

@@ -15,12 +15,12 @@ use zenoh::Session;
 /// How long is listened to what flows by itself: health comes once a second.
 const FLOW: Duration = Duration::from_millis(1500);
 
-/// One attempt.
+/// One attempt of one role to do one thing on the keys of a row, and its result.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Attempt {
-    /// The row's keys.
+    /// Keys of the access matrix's row.
     pub keys: Vec<String>,
-    /// What was tried.
+    /// The action that was tried on them.
     pub verb: Verb,
     /// What the matrix says.
     pub allowed: bool,

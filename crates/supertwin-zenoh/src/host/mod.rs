@@ -66,7 +66,7 @@ pub struct HostOptions<C> {
     pub telemetry_every: u64,
     /// Where its configuration comes from, for recordings: everything that is needed to repeat the run.
     pub about: Properties,
-    /// Timed commands.
+    /// Commands of the mission, by the tick at which they apply.
     pub mission: Vec<(u64, C)>,
     /// Ticks from a request to when it applies.
     pub lead_ticks: u64,
@@ -91,9 +91,9 @@ pub struct HostOptions<C> {
 /// How a host ended.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Ending {
-    /// All ticks done.
+    /// All ticks of the run were stepped.
     Complete,
-    /// Somebody ended it.
+    /// Ended before its last tick, for this reason.
     Stopped(String),
     /// It could not go on.
     Failed(String),
