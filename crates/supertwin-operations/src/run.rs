@@ -155,9 +155,8 @@ fn jobs(options: &RunOptions, trials: Vec<ResolvedTrial>) -> Result<Vec<Job>, Op
 
 /// The folder asked for, or the first free `runs/NNNN`.
 fn create_folder(out: Option<&Path>) -> Result<PathBuf, OperationError> {
-    let wrong = |path: &Path, cause: &std::io::Error| OperationError::Path {
-        path: path.display().to_string(),
-        cause: format!("can't create the folder for recordings: {cause}"),
+    let wrong = |path: &Path, cause: &std::io::Error| {
+        OperationError::at(path, &format!("can't create the folder for recordings: {cause}"))
     };
     if let Some(out) = out {
         std::fs::create_dir_all(out).map_err(|cause| wrong(out, &cause))?;
@@ -173,7 +172,7 @@ fn create_folder(out: Option<&Path>) -> Result<PathBuf, OperationError> {
             Err(cause) => return Err(wrong(&folder, &cause)),
         }
     }
-    Err(OperationError::Path { path: "runs".to_owned(), cause: "9999 folders are there already; use --out".to_owned() })
+    Err(OperationError::at(root, &"9999 folders are there already; use --out"))
 }
 
 /// Ticks in a batch of the live view: runs are much faster than real time.

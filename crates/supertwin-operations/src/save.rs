@@ -10,7 +10,7 @@ use std::path::Path;
 /// # Errors
 /// The folder or the file can't be written, or the file is there and `force` is not given.
 pub fn save(path: &Path, bytes: &[u8], force: bool) -> Result<(), OperationError> {
-    let wrong = |cause: String| OperationError::Path { path: path.display().to_string(), cause };
+    let wrong = |cause: String| OperationError::at(path, &cause);
     if let Some(folder) = path.parent() {
         std::fs::create_dir_all(folder).map_err(|cause| wrong(format!("can't create its folder: {cause}")))?;
     }

@@ -82,14 +82,10 @@ fn tls(role: Role, vehicle: &str, place: Option<&Path>) -> Result<Value, Operati
     if certificate.role != Some(role) || !theirs {
         let wanted =
             [Scope::Vehicle(vehicle.to_owned()), Scope::Fleet].map(|scope| common_name(role, &scope)).join(" or ");
-        let path = found.certificate.display().to_string();
-        return Err(OperationError::Path { path, cause: format!("is {}: must be {wanted}", certificate.common_name) });
+        let cause = format!("is {}: must be {wanted}", certificate.common_name);
+        return Err(OperationError::at(&found.certificate, &cause));
     }
-    let absolute = |path: &Path| {
-        let failed =
-            |cause: std::io::Error| OperationError::Path { path: path.display().to_string(), cause: cause.to_string() };
-        std::path::absolute(path).map_err(failed)
-    };
+    let absolute = |path: &Path| std::path::absolute(path).map_err(|cause| OperationError::at(path, &cause));
     let (ca, certificate, key) = (absolute(&found.ca)?, absolute(&found.certificate)?, absolute(&found.key)?);
     Ok(tls_settings(&Credentials { ca, certificate, key }, role.listens()))
 }

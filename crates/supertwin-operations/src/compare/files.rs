@@ -43,7 +43,7 @@ impl Files {
 }
 
 fn meant(run: &Path) -> Result<Vec<PathBuf>, OperationError> {
-    let wrong = |cause: String| OperationError::Path { path: run.display().to_string(), cause };
+    let wrong = |cause: String| OperationError::at(run, &cause);
     let text = run.to_string_lossy();
     let found = if run.is_dir() {
         let entries = run.read_dir().map_err(|cause| wrong(cause.to_string()))?;

@@ -58,10 +58,8 @@ pub fn holders(place: &Path) -> Result<Vec<Holder>, OperationError> {
     if let Some(holder) = one(place) {
         return Ok(vec![holder]);
     }
-    let failed =
-        |cause: std::io::Error| OperationError::Path { path: place.display().to_string(), cause: cause.to_string() };
     let mut folders: Vec<PathBuf> = std::fs::read_dir(place)
-        .map_err(failed)?
+        .map_err(|cause| OperationError::at(place, &cause))?
         .flatten()
         .map(|entry| entry.path())
         .filter(|path| path.is_dir())
@@ -71,8 +69,7 @@ pub fn holders(place: &Path) -> Result<Vec<Holder>, OperationError> {
     if found.is_empty() {
         // In its own words, why it is none.
         Credentials::find(place)?;
-        let (path, cause) = (place.display().to_string(), "no credentials of a role in it".to_owned());
-        return Err(OperationError::Path { path, cause });
+        return Err(OperationError::at(place, &"no credentials of a role in it"));
     }
     Ok(found)
 }

@@ -33,10 +33,7 @@ impl Campaign<'_> {
     pub(crate) fn execute(&self, todo: &[usize], journal: &mut Journal) -> Result<Vec<RunRow>, OperationError> {
         if self.keep_recordings != KeepRecordings::None {
             let folder = self.folder.join(RECORDINGS);
-            std::fs::create_dir_all(&folder).map_err(|error| OperationError::Path {
-                path: folder.display().to_string(),
-                cause: error.to_string(),
-            })?;
+            std::fs::create_dir_all(&folder).map_err(|error| OperationError::at(&folder, &error))?;
         }
         let shared = Mutex::new((journal, Vec::with_capacity(todo.len())));
         let failures: Vec<OperationError> = todo

@@ -14,7 +14,7 @@ const LISTED: usize = 8;
 pub(super) fn gather(prepared: &Prepared, parts: &[PathBuf]) -> Result<Vec<RunRow>, OperationError> {
     let mut rows: BTreeMap<usize, (RunRow, PathBuf)> = BTreeMap::new();
     for path in files(parts)? {
-        let wrong = |cause: String| OperationError::Path { path: path.display().to_string(), cause };
+        let wrong = |cause: String| OperationError::at(&path, &cause);
         let table = Table::read(&path).map_err(|error| OperationError::Option(error.to_string()))?;
         let about = |name: &str| table.about.get(name).map(String::as_str);
         let Some(plan) = about("supertwin.plan") else {
@@ -64,7 +64,7 @@ fn files(parts: &[PathBuf]) -> Result<Vec<PathBuf>, OperationError> {
             files.push(part.clone());
             continue;
         }
-        let wrong = |cause: String| OperationError::Path { path: part.display().to_string(), cause };
+        let wrong = |cause: String| OperationError::at(part, &cause);
         let entries = std::fs::read_dir(part).map_err(|error| wrong(error.to_string()))?;
         let mut found: Vec<PathBuf> =
             entries.flatten().map(|entry| entry.path()).filter(|path| is_part(path)).collect();

@@ -42,7 +42,7 @@ pub(crate) struct Opened {
 impl Journal {
     /// Opens or begins it. `anew` forgets what is there.
     pub(crate) fn open(path: &Path, heading: &Heading, plan: &Plan, anew: bool) -> Result<Opened, OperationError> {
-        let wrong = |cause: String| OperationError::Path { path: path.display().to_string(), cause };
+        let wrong = |cause: String| OperationError::at(path, &cause);
         let io = |error: std::io::Error| wrong(error.to_string());
         let mut file = File::options().read(true).write(true).create(true).truncate(false).open(path).map_err(io)?;
         file.try_lock().map_err(|error| match error {
@@ -94,10 +94,7 @@ impl Journal {
     }
 
     fn line(&mut self, content: &impl Serialize) -> Result<(), OperationError> {
-        let mut line = serde_json::to_vec(content).map_err(|error| OperationError::Path {
-            path: self.path.display().to_string(),
-            cause: error.to_string(),
-        })?;
+        let mut line = serde_json::to_vec(content).map_err(|error| OperationError::at(&self.path, &error))?;
         line.push(b'\n');
         // One write: a kill leaves the whole line, or a beginning without a line break.
         self.file.write_all(&line).map_err(|error| self.wrong(&error))
@@ -109,7 +106,7 @@ impl Journal {
     }
 
     fn wrong(&self, error: &std::io::Error) -> OperationError {
-        OperationError::Path { path: self.path.display().to_string(), cause: error.to_string() }
+        OperationError::at(&self.path, error)
     }
 }
 

@@ -32,10 +32,8 @@ pub(crate) struct CheckArguments {
 pub(crate) fn check(arguments: &CheckArguments, library: &Library) -> Result<ExitCode, OperationError> {
     let files = if arguments.files.is_empty() { all(library) } else { arguments.files.clone() };
     if files.is_empty() {
-        return Err(OperationError::Path {
-            path: library.root().display().to_string(),
-            cause: "no configuration files there; name them, or the folder with --config".to_owned(),
-        });
+        let cause = "no configuration files there; name them, or the folder with --config";
+        return Err(OperationError::at(library.root(), &cause));
     }
     let mut understood = serde_json::Map::new();
     let mut wrong = 0;

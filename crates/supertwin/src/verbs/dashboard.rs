@@ -122,7 +122,7 @@ fn chosen(names: &[String]) -> Result<Vec<&'static Description>, OperationError>
 
 fn save_to(folder: &Path, dashboard: Dashboard, name: &str, force: bool) -> Result<PathBuf, OperationError> {
     let path = folder.join(format!("{name}.rbl"));
-    let failed = |cause: String| OperationError::Path { path: path.display().to_string(), cause };
+    let failed = |cause: String| OperationError::at(&path, &cause);
     save(&path, &blueprint::file(dashboard).map_err(failed)?, force)?;
     Ok(path)
 }
