@@ -8,7 +8,7 @@ use rerun::log::{Chunk, ChunkId, RowId};
 use rerun::time::{TimePoint, Timeline};
 use rerun::{AsComponents, EntityPath, SerializedComponentBatch, SerializedComponentColumn, TimeColumn};
 use std::sync::Arc;
-use supertwin_core::Signal;
+use supertwin_core::{Signal, Tick};
 
 /// Why a chunk can't be built: always a defect of the caller, and still no reason to lose the rest of the run.
 pub(crate) type Problem = String;
@@ -101,6 +101,41 @@ impl Rows {
             .map_err(text)?;
         columns(self.entity, self.times, [column])
     }
+}
+
+/// Values that come at any tick, one by one, until they are taken.
+pub(crate) struct TimedValues<T> {
+    ticks: Vec<i64>,
+    nanos: Vec<i64>,
+    clocks: Vec<Clocks>,
+    values: Vec<T>,
+}
+
+impl<T> Default for TimedValues<T> {
+    fn default() -> Self {
+        Self { ticks: Vec::new(), nanos: Vec::new(), clocks: Vec::new(), values: Vec::new() }
+    }
+}
+
+impl<T> TimedValues<T> {
+    /// Adds a row, of one value or of several.
+    pub(crate) fn add(&mut self, tick: Tick, clocks: Clocks, values: impl IntoIterator<Item = T>) {
+        self.ticks.push(tick.k as i64);
+        self.nanos.push(nanos(tick));
+        self.clocks.push(clocks);
+        self.values.extend(values);
+    }
+
+    /// Its times and values, if there are any; leaves nothing behind.
+    pub(crate) fn take(&mut self) -> Option<(Times, Vec<T>)> {
+        let Self { ticks, nanos, clocks, values } = core::mem::take(self);
+        (!ticks.is_empty()).then(|| (Times::new(ticks, nanos).with_clocks(&clocks), values))
+    }
+}
+
+/// Nanoseconds since the start of the run, rounded once.
+pub(crate) fn nanos(tick: Tick) -> i64 {
+    (tick.t_s() * 1e9).round() as i64
 }
 
 /// Columns of any components over both timelines.

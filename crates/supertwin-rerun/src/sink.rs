@@ -1,6 +1,6 @@
 //! A run as it is heard, gathered in columns and handed to the file batch by batch.
 
-use crate::chunks::{Clocks, Problem, Rows, Times, columns, fixed, text};
+use crate::chunks::{Clocks, Problem, Rows, Times, columns, fixed, nanos, text};
 use crate::derived::Derived;
 use crate::late_rows::LateRows;
 use crate::live::Live;
@@ -249,9 +249,6 @@ impl RerunSink {
     }
 
     fn note(&mut self, path: &str) -> &mut TextAndByteRows {
-        if !self.notes.contains_key(path) {
-            self.notes.insert(path.to_owned(), TextAndByteRows::default());
-        }
         self.notes.entry(path.to_owned()).or_default()
     }
 
@@ -479,11 +476,6 @@ pub(crate) fn properties(group: &str, properties: &Properties) -> Result<Option<
     }
     let entity = EntityPath::properties().join(&EntityPath::from_single_string(group));
     Ok(Some(Job::Chunk(fixed(entity, &values)?)))
-}
-
-/// Nanoseconds since the start of the run, rounded once.
-pub(crate) fn nanos(tick: Tick) -> i64 {
-    (tick.t_s() * 1e9).round() as i64
 }
 
 fn times_of(every: &Times, rows: &[u32]) -> Times {

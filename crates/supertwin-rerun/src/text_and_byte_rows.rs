@@ -1,8 +1,7 @@
 //! Words and bytes that come when they come: accounts of steps, states, the exact messages of wires.
 
-use crate::chunks::{Clocks, Problem, Times, columns, text};
+use crate::chunks::{Clocks, Problem, TimedValues, columns, text};
 use crate::read::BYTES;
-use crate::sink::nanos;
 use rerun::log::Chunk;
 use rerun::{ComponentDescriptor, EntityPath, Loggable as _, SerializedComponentBatch};
 use supertwin_core::Tick;
@@ -10,45 +9,17 @@ use supertwin_core::Tick;
 /// What came at one path since the last batch.
 #[derive(Default)]
 pub(crate) struct TextAndByteRows {
-    texts: Rows<String>,
-    blobs: Rows<Vec<u8>>,
-}
-
-struct Rows<T> {
-    ticks: Vec<i64>,
-    nanos: Vec<i64>,
-    clocks: Vec<Clocks>,
-    values: Vec<T>,
-}
-
-impl<T> Default for Rows<T> {
-    fn default() -> Self {
-        Self { ticks: Vec::new(), nanos: Vec::new(), clocks: Vec::new(), values: Vec::new() }
-    }
-}
-
-impl<T> Rows<T> {
-    fn add(&mut self, tick: Tick, clocks: Clocks, value: T) {
-        self.ticks.push(tick.k as i64);
-        self.nanos.push(nanos(tick));
-        self.clocks.push(clocks);
-        self.values.push(value);
-    }
-
-    /// Its times and values, if there are any; leaves nothing behind.
-    fn take(&mut self) -> Option<(Times, Vec<T>)> {
-        let Self { ticks, nanos, clocks, values } = core::mem::take(self);
-        (!values.is_empty()).then(|| (Times::new(ticks, nanos).with_clocks(&clocks), values))
-    }
+    texts: TimedValues<String>,
+    blobs: TimedValues<Vec<u8>>,
 }
 
 impl TextAndByteRows {
     pub(crate) fn add_text(&mut self, tick: Tick, clocks: Clocks, words: String) {
-        self.texts.add(tick, clocks, words);
+        self.texts.add(tick, clocks, [words]);
     }
 
     pub(crate) fn add_bytes(&mut self, tick: Tick, clocks: Clocks, bytes: Vec<u8>) {
-        self.blobs.add(tick, clocks, bytes);
+        self.blobs.add(tick, clocks, [bytes]);
     }
 
     /// What came, as chunks.
