@@ -65,7 +65,7 @@ impl<B: Wired + 'static> Host<B> {
             tick: self.next.saturating_sub(1),
             tick_s: self.options.tick_s,
             lock_step: self.lock_step(),
-            sent: self.seq,
+            sent: self.sent.outputs,
             steps: self.steps.steps,
             skipped: self.steps.skipped,
             by_timer: self.steps.by_timer,
@@ -85,7 +85,7 @@ impl<B: Wired + 'static> Host<B> {
             telemetry_dropped: telemetry_dropped + self.thrown,
             letters_dropped,
             refused: self.refused_reported.1,
-            events: self.event_seq,
+            events: self.sent.events,
         };
         for wire in &mut self.wires {
             wire.age_max = 0;

@@ -1,5 +1,6 @@
 //! Puts any block behind its keys: one step per tick, in lock step or in real time, with commands, events and accounts.
 
+mod declare;
 mod health;
 mod ports;
 mod publish;
@@ -12,6 +13,7 @@ mod step;
 use crate::mailbox::{Mailbox, Overflow};
 use crate::outbox::{Outbox, Outgoing};
 use crate::session::LinkError;
+use declare::{queryables, subscribe, wire_kinds, wire_publisher};
 use ports::{AsideKeys, Keys};
 use schedule::REPEAT_FIRST;
 use serde::Serialize;
@@ -30,11 +32,9 @@ use supertwin_protocol::lease::{Authority, LeaseView};
 use supertwin_protocol::ledger::Ledger;
 use supertwin_protocol::payload::STREAMS;
 use supertwin_protocol::telemetry::{AppliedBefore, SignalList, Used};
-use zenoh::bytes::{Encoding, ZBytes};
+use zenoh::bytes::ZBytes;
 use zenoh::pubsub::{Publisher, Subscriber};
-use zenoh::qos::{CongestionControl, Priority};
 use zenoh::query::{Query, Queryable};
-use zenoh::sample::SampleKind;
 use zenoh::{Session, Wait};
 
 /// Telemetry that a recorder can ask for after it was cut off: ten seconds at 50 Hz.
@@ -86,6 +86,17 @@ pub struct HostOptions<C> {
     pub rejoins: bool,
     /// Keeps the hash of each step for whoever drives the host.
     pub keep_digests: bool,
+}
+
+impl<C> HostOptions<C> {
+    /// How long the writer of a wire is silent before another may take its place.
+    fn silence(&self) -> Duration {
+        match self.pace {
+            // Three ticks, and on the wall no less than a process may be held up without being dead.
+            Pace::RealTime(factor) => Duration::from_secs_f64((3.0 * self.tick_s / factor).max(0.1)),
+            Pace::LockStep => Duration::MAX,
+        }
+    }
 }
 
 /// How a host ended.
@@ -144,12 +155,36 @@ struct WireState {
     transport_ms_max: f64,
 }
 
+impl WireState {
+    fn new(kind: WireKind, silence: Duration) -> Self {
+        Self { kind, ledger: Ledger::new(silence), held: None, age_max: 0, transport_ms_max: 0.0 }
+    }
+}
+
 #[derive(Debug, Default)]
 struct StepSchedule {
     /// Real time: when the next step is due without a trigger.
     due: Option<Duration>,
     /// The newest trigger that has not been acted on.
     trigger: Option<u64>,
+}
+
+/// Numbers of the last messages that were sent.
+#[derive(Debug, Default)]
+struct Sent {
+    outputs: u64,
+    telemetry: u64,
+    events: u64,
+}
+
+/// Times of a lap of the ring, by which lost outputs are repeated.
+#[derive(Debug)]
+struct LapTimer {
+    began: Duration,
+    /// Length of the shortest lap lately.
+    shortest: Duration,
+    sent_at: Duration,
+    repeat_after: Duration,
 }
 
 #[derive(Clone, Copy, Debug, Default, Serialize)]
@@ -233,17 +268,11 @@ pub struct Host<B: Wired> {
     schedule: StepSchedule,
     output: Option<(u64, B::Out, u64)>,
     telemetry: Option<Vec<u8>>,
-    telemetry_seq: u64,
     signals: SignalList,
     used: Used,
-    seq: u64,
-    event_seq: u64,
-    sent_at: Duration,
+    sent: Sent,
     heard_at: Duration,
-    repeat_after: Duration,
-    /// Length of the shortest lap lately.
-    lap: Duration,
-    lap_began: Duration,
+    lap: LapTimer,
     fault: Option<Fault>,
     witnesses: Vec<Witness>,
     authority: Option<Authority>,
@@ -273,7 +302,6 @@ pub struct Host<B: Wired> {
     asides: Vec<String>,
     // Kept for what dropping them would undo.
     _subscribers: Vec<Subscriber<()>>,
-    _liveliness: Vec<Subscriber<()>>,
     _queryables: Vec<Queryable<()>>,
     _token: zenoh::liveliness::LivelinessToken,
 }
@@ -303,69 +331,10 @@ impl<B: Wired + 'static> Host<B> {
         let publisher = wire_publisher(session, B::Out::KEY)?;
         let stop_publisher = wire_publisher(session, &keys::stop(B::NAME))?;
 
-        let silence = match options.pace {
-            // Three ticks, and on the wall no less than a process may be held up without being dead.
-            Pace::RealTime(factor) => Duration::from_secs_f64((3.0 * options.tick_s / factor).max(0.1)),
-            Pace::LockStep => Duration::MAX,
-        };
-        let mut wire_kinds: Vec<(String, WireKind)> =
-            keys.0.iter().enumerate().map(|(i, (key, _))| ((*key).to_owned(), WireKind::Port(i))).collect();
-        if options.takes_setpoints {
-            wire_kinds
-                .extend(STREAMS.iter().enumerate().map(|(i, name)| (keys::setpoint(name), WireKind::Setpoint(i))));
-        }
-        if !options.keeps_authority {
-            wire_kinds.push((keys::LEASE_STATE.to_owned(), WireKind::Lease));
-        }
-        if options.pace == Pace::LockStep {
-            wire_kinds.push((keys::stop("*"), WireKind::Stop));
-            if !options.witnesses.is_empty() {
-                wire_kinds.push((keys::witness("*"), WireKind::Witness));
-            }
-        }
-        let mut subscribers = Vec::new();
-        for (number, (key, _)) in wire_kinds.iter().enumerate() {
-            let mailbox = Arc::clone(mailbox);
-            let subscriber = session
-                .declare_subscriber(key.clone())
-                .callback(move |sample| {
-                    if sample.kind() == SampleKind::Put {
-                        mailbox.wire(index, number, sample.payload().clone());
-                    }
-                })
-                .wait()
-                .map_err(LinkError::session(format!("subscriber {key}")))?;
-            subscribers.push(subscriber);
-        }
-        let mut liveliness = Vec::new();
-        if options.keeps_authority {
-            let number = wire_kinds.len();
-            wire_kinds.push((keys::operator("*"), WireKind::Operator));
-            let mailbox = Arc::clone(mailbox);
-            let gone = session
-                .liveliness()
-                .declare_subscriber(keys::operator("*"))
-                .callback(move |sample| {
-                    if sample.kind() == SampleKind::Delete {
-                        let client = sample.key_expr().as_str().rsplit('/').next().unwrap_or("").to_owned();
-                        mailbox.wire(index, number, ZBytes::from(client));
-                    }
-                })
-                .wait()
-                .map_err(LinkError::session("liveliness of operators"))?;
-            liveliness.push(gone);
-        }
-        let wires = wire_kinds
-            .iter()
-            .map(|(_, kind)| WireState {
-                kind: *kind,
-                ledger: Ledger::new(silence),
-                held: None,
-                age_max: 0,
-                transport_ms_max: 0.0,
-            })
-            .collect();
-
+        let kinds = wire_kinds(&keys, &options);
+        let subscribers = subscribe(session, &kinds, mailbox, index)?;
+        let silence = options.silence();
+        let wires = kinds.iter().map(|(_, kind)| WireState::new(*kind, silence)).collect();
         let token = session
             .liveliness()
             .declare_token(keys::alive(B::NAME, &options.instance))
@@ -388,16 +357,11 @@ impl<B: Wired + 'static> Host<B> {
             schedule: StepSchedule::default(),
             output: None,
             telemetry: None,
-            telemetry_seq: 0,
             signals: SignalList::default(),
             used: Used::default(),
-            seq: 0,
-            event_seq: 0,
-            sent_at: now,
+            sent: Sent::default(),
             heard_at: now,
-            repeat_after: REPEAT_FIRST,
-            lap: Duration::ZERO,
-            lap_began: now,
+            lap: LapTimer { began: now, shortest: Duration::ZERO, sent_at: now, repeat_after: REPEAT_FIRST },
             fault: options.faults.map(|rates| Fault::new(rates, B::NAME)),
             witnesses: options
                 .witnesses
@@ -430,7 +394,6 @@ impl<B: Wired + 'static> Host<B> {
             clock,
             now,
             _subscribers: subscribers,
-            _liveliness: liveliness,
             _queryables: Vec::new(),
             _token: token,
         };
@@ -466,64 +429,6 @@ impl<B: Wired + 'static> Host<B> {
 }
 
 /// Everything that can be asked of a service.
-fn queryables<B: Wired>(
-    session: &Session,
-    keeps_authority: bool,
-    mailbox: &Arc<Mailbox>,
-    index: usize,
-    outbox: &Outbox,
-) -> Result<Vec<Queryable<()>>, LinkError> {
-    let mut queryables = Vec::new();
-    let mut served = vec![
-        keys::command(B::NAME, "*"),
-        format!("{}/**", keys::param(B::NAME, "")),
-        keys::held(B::NAME, "**"),
-        keys::state(B::NAME, "now"),
-    ];
-    if keeps_authority {
-        served.push(keys::LEASE.to_owned());
-        served.push(keys::PING.to_owned());
-    }
-    for key in served {
-        let mailbox = Arc::clone(mailbox);
-        let queryable = session
-            .declare_queryable(key.clone())
-            .complete(true)
-            .callback(move |query| {
-                let urgent = query.key_expr().as_str().ends_with("/neutral");
-                mailbox.request(index, query, urgent);
-            })
-            .wait()
-            .map_err(LinkError::session(format!("queryable {key}")))?;
-        queryables.push(queryable);
-    }
-    let mut states = vec![keys::state(B::NAME, "*")];
-    if keeps_authority {
-        states.push(keys::LEASE_STATE.to_owned());
-    }
-    for key in states {
-        let slot = outbox.slot();
-        let queryable = session
-            .declare_queryable(key.clone())
-            .callback(move |query| slot.send(Outgoing::StateQuery(query)))
-            .wait()
-            .map_err(LinkError::session(format!("queryable {key}")))?;
-        queryables.push(queryable);
-    }
-    Ok(queryables)
-}
-
-fn wire_publisher(session: &Session, key: &str) -> Result<Publisher<'static>, LinkError> {
-    session
-        .declare_publisher(key.to_owned())
-        .encoding(Encoding::APPLICATION_JSON)
-        .congestion_control(CongestionControl::Drop)
-        .priority(Priority::InteractiveHigh)
-        .express(true)
-        .wait()
-        .map_err(LinkError::session(format!("publisher {key}")))
-}
-
 impl<B: Wired + 'static> Hosted for Host<B> {
     fn service(&self) -> &'static str {
         B::NAME
@@ -561,7 +466,7 @@ impl<B: Wired + 'static> Hosted for Host<B> {
         let next = if self.lock_step() {
             // Without an output there is nothing to repeat; patience is looked at now and then.
             let look = self.now + Duration::from_millis(500);
-            Some(if self.output.is_some() { look.min(self.sent_at + self.repeat_after) } else { look })
+            Some(if self.output.is_some() { look.min(self.lap.sent_at + self.lap.repeat_after) } else { look })
         } else {
             self.schedule.due
         };
@@ -581,7 +486,7 @@ impl<B: Wired + 'static> Hosted for Host<B> {
     }
 
     fn progress(&self) -> (u64, Duration) {
-        let since = self.began_at.map_or(Duration::ZERO, |began| self.sent_at.saturating_sub(began));
+        let since = self.began_at.map_or(Duration::ZERO, |began| self.lap.sent_at.saturating_sub(began));
         (self.steps.steps, since)
     }
 

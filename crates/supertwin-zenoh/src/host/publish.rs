@@ -32,9 +32,9 @@ impl<B: Wired + 'static> Host<B> {
     }
 
     pub(super) fn tell(&mut self, event: &Event) {
-        self.event_seq += 1;
+        self.sent.events += 1;
         let mut payload = Vec::with_capacity(256);
-        if encode(&with(&self.header(event.tick, self.event_seq), event), &mut payload).is_ok() {
+        if encode(&with(&self.header(event.tick, self.sent.events), event), &mut payload).is_ok() {
             self.outbox.send(Outgoing::Event(payload));
         }
     }

@@ -75,7 +75,7 @@ impl<B: Wired + 'static> Host<B> {
                     wire.transport_ms_max = wire.transport_ms_max.max(late_ns as f64 / 1e6);
                 }
                 if B::OWNS_TIME && tick + 1 == self.next {
-                    self.loop_us.add(now.saturating_sub(self.sent_at));
+                    self.loop_us.add(now.saturating_sub(self.lap.sent_at));
                 }
                 if self.lock_step() {
                     if tick > self.next {
@@ -151,7 +151,7 @@ impl<B: Wired + 'static> Host<B> {
 
     pub(super) fn answer_repetition(&mut self, repeat: bool, now: Duration) {
         // A doubled message is left; one that was sent again because somebody misses our answer gets it.
-        if self.lock_step() && repeat && now.saturating_sub(self.sent_at) >= self.repeat_first() {
+        if self.lock_step() && repeat && now.saturating_sub(self.lap.sent_at) >= self.repeat_first() {
             self.send_again();
         }
     }

@@ -38,12 +38,12 @@ impl<B: Wired + 'static> Host<B> {
         if ready.1 && witnessed && !done {
             let joined_late = !B::OWNS_TIME && self.run.is_empty();
             if !joined_late {
-                let before = core::mem::replace(&mut self.lap_began, now);
+                let before = core::mem::replace(&mut self.lap.began, now);
                 self.step(self.next, true);
                 if self.next > 1 {
-                    self.lap = shortest(self.lap, now.saturating_sub(before));
+                    self.lap.shortest = shortest(self.lap.shortest, now.saturating_sub(before));
                 }
-                self.repeat_after = self.repeat_first();
+                self.lap.repeat_after = self.repeat_first();
                 return true;
             }
         }
@@ -71,16 +71,20 @@ impl<B: Wired + 'static> Host<B> {
             self.fail(format!("tick {tick}: waited {:.0} s for {waits}", silent.as_secs_f64()));
             return true;
         }
-        if self.output.is_some() && now.saturating_sub(self.sent_at) >= self.repeat_after {
+        if self.output.is_some() && now.saturating_sub(self.lap.sent_at) >= self.lap.repeat_after {
             self.send_again();
-            self.repeat_after = (self.repeat_after * 2).min(REPEAT_MOST);
+            self.lap.repeat_after = (self.lap.repeat_after * 2).min(REPEAT_MOST);
         }
         false
     }
 
     /// How long to wait for the others before saying the last output again.
     pub(super) fn repeat_first(&self) -> Duration {
-        if self.lap.is_zero() { REPEAT_FIRST } else { (self.lap * REPEAT_LAPS).clamp(REPEAT_LEAST, REPEAT_MOST) }
+        if self.lap.shortest.is_zero() {
+            REPEAT_FIRST
+        } else {
+            (self.lap.shortest * REPEAT_LAPS).clamp(REPEAT_LEAST, REPEAT_MOST)
+        }
     }
 
     pub(super) fn poll_real_time(&mut self) -> bool {

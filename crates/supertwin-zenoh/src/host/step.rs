@@ -116,7 +116,7 @@ impl<B: Wired + 'static> Host<B> {
             self.digests.push_back((k, digest));
         }
         if publish {
-            self.seq += 1;
+            self.sent.outputs += 1;
             self.output = Some((k, out, digest));
             self.send_output(false);
             self.send_telemetry(k, digest, &used, operator);
@@ -129,7 +129,7 @@ impl<B: Wired + 'static> Host<B> {
         let Some((k, out, digest)) = &self.output else { return };
         let mut buffer = core::mem::take(&mut self.buffer);
         buffer.clear();
-        let mut envelope = with(&self.header(*k, self.seq), out);
+        let mut envelope = with(&self.header(*k, self.sent.outputs), out);
         envelope.digest = Some(Cow::Owned(format!("{digest:016x}")));
         envelope.repeat = repeat;
         let encoded = encode(&envelope, &mut buffer);
@@ -142,7 +142,7 @@ impl<B: Wired + 'static> Host<B> {
             }
         }
         self.buffer = buffer;
-        self.sent_at = self.clock.now();
+        self.lap.sent_at = self.clock.now();
     }
 
     fn send_telemetry(&mut self, k: u64, digest: u64, used: &Used, operator: OperatorLink) {
@@ -154,7 +154,7 @@ impl<B: Wired + 'static> Host<B> {
         if self.signals.update(&self.block, out) {
             self.tell_state("signals".to_owned(), &self.signals.descriptions());
         }
-        self.telemetry_seq += 1;
+        self.sent.telemetry += 1;
         let operator_lost = operator == OperatorLink::Lost;
         let untold = core::mem::take(&mut self.untold);
         // They are in the order of their ticks.
@@ -163,7 +163,7 @@ impl<B: Wired + 'static> Host<B> {
         let steps = self.steps_of_run;
         let shown =
             Shown::<B> { used, steps, operator_lost, commands: &commands, earlier, signals: (&self.block, out) };
-        let mut envelope = with(&self.header(k, self.telemetry_seq), shown);
+        let mut envelope = with(&self.header(k, self.sent.telemetry), shown);
         envelope.digest = Some(Cow::Owned(format!("{digest:016x}")));
         let mut payload = Vec::with_capacity(4096);
         if encode(&envelope, &mut payload).is_err() {
@@ -171,7 +171,7 @@ impl<B: Wired + 'static> Host<B> {
             return;
         }
         if !self.asides.is_empty() {
-            let mut writer = AsideWriter { envelope: self.header(k, self.telemetry_seq), outbox: &self.outbox, at: 0 };
+            let mut writer = AsideWriter { envelope: self.header(k, self.sent.telemetry), outbox: &self.outbox, at: 0 };
             self.block.asides(&mut writer);
         }
         let copies = self.fault.as_mut().map_or(1, Fault::copies);

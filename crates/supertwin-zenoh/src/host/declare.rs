@@ -1,0 +1,126 @@
+//! What a host declares on its session: the wires it listens to, the questions it answers, the wire it writes.
+
+use super::ports::Keys;
+use super::{HostOptions, Pace, WireKind};
+use crate::mailbox::Mailbox;
+use crate::outbox::{Outbox, Outgoing};
+use crate::session::LinkError;
+use std::sync::Arc;
+use supertwin_core::Wired;
+use supertwin_protocol::keys;
+use supertwin_protocol::payload::STREAMS;
+use zenoh::bytes::{Encoding, ZBytes};
+use zenoh::pubsub::{Publisher, Subscriber};
+use zenoh::qos::{CongestionControl, Priority};
+use zenoh::query::Queryable;
+use zenoh::sample::SampleKind;
+use zenoh::{Session, Wait};
+
+/// The wires that a host listens to, by their number in the mailbox; the block's own come first.
+pub(super) fn wire_kinds<C>(ports: &Keys, options: &HostOptions<C>) -> Vec<(String, WireKind)> {
+    let mut kinds: Vec<_> =
+        ports.0.iter().enumerate().map(|(i, (key, _))| ((*key).to_owned(), WireKind::Port(i))).collect();
+    if options.takes_setpoints {
+        kinds.extend(STREAMS.iter().enumerate().map(|(i, name)| (keys::setpoint(name), WireKind::Setpoint(i))));
+    }
+    if !options.keeps_authority {
+        kinds.push((keys::LEASE_STATE.to_owned(), WireKind::Lease));
+    }
+    if options.pace == Pace::LockStep {
+        kinds.push((keys::stop("*"), WireKind::Stop));
+        if !options.witnesses.is_empty() {
+            kinds.push((keys::witness("*"), WireKind::Witness));
+        }
+    }
+    if options.keeps_authority {
+        kinds.push((keys::operator("*"), WireKind::Operator));
+    }
+    kinds
+}
+
+/// Puts what arrives on the wires into the mailbox, for host number `index`. Of an operator only its end is told, by name.
+pub(super) fn subscribe(
+    session: &Session,
+    kinds: &[(String, WireKind)],
+    mailbox: &Arc<Mailbox>,
+    index: usize,
+) -> Result<Vec<Subscriber<()>>, LinkError> {
+    let declare = |(number, (key, kind)): (usize, &(String, WireKind))| {
+        let mailbox = Arc::clone(mailbox);
+        if *kind == WireKind::Operator {
+            let subscriber = session.liveliness().declare_subscriber(key.clone()).callback(move |sample| {
+                if sample.kind() == SampleKind::Delete {
+                    let client = sample.key_expr().as_str().rsplit('/').next().unwrap_or("").to_owned();
+                    mailbox.wire(index, number, ZBytes::from(client));
+                }
+            });
+            return subscriber.wait().map_err(LinkError::session("liveliness of operators"));
+        }
+        let subscriber = session.declare_subscriber(key.clone()).callback(move |sample| {
+            if sample.kind() == SampleKind::Put {
+                mailbox.wire(index, number, sample.payload().clone());
+            }
+        });
+        subscriber.wait().map_err(LinkError::session(format!("subscriber {key}")))
+    };
+    kinds.iter().enumerate().map(declare).collect()
+}
+
+/// Answers requests, questions for states and, where authority is kept, for the lease.
+pub(super) fn queryables<B: Wired>(
+    session: &Session,
+    keeps_authority: bool,
+    mailbox: &Arc<Mailbox>,
+    index: usize,
+    outbox: &Outbox,
+) -> Result<Vec<Queryable<()>>, LinkError> {
+    let mut queryables = Vec::new();
+    let mut served = vec![
+        keys::command(B::NAME, "*"),
+        format!("{}/**", keys::param(B::NAME, "")),
+        keys::held(B::NAME, "**"),
+        keys::state(B::NAME, "now"),
+    ];
+    if keeps_authority {
+        served.push(keys::LEASE.to_owned());
+        served.push(keys::PING.to_owned());
+    }
+    for key in served {
+        let mailbox = Arc::clone(mailbox);
+        let queryable = session
+            .declare_queryable(key.clone())
+            .complete(true)
+            .callback(move |query| {
+                let urgent = query.key_expr().as_str().ends_with("/neutral");
+                mailbox.request(index, query, urgent);
+            })
+            .wait()
+            .map_err(LinkError::session(format!("queryable {key}")))?;
+        queryables.push(queryable);
+    }
+    let mut states = vec![keys::state(B::NAME, "*")];
+    if keeps_authority {
+        states.push(keys::LEASE_STATE.to_owned());
+    }
+    for key in states {
+        let slot = outbox.slot();
+        let queryable = session
+            .declare_queryable(key.clone())
+            .callback(move |query| slot.send(Outgoing::StateQuery(query)))
+            .wait()
+            .map_err(LinkError::session(format!("queryable {key}")))?;
+        queryables.push(queryable);
+    }
+    Ok(queryables)
+}
+
+pub(super) fn wire_publisher(session: &Session, key: &str) -> Result<Publisher<'static>, LinkError> {
+    session
+        .declare_publisher(key.to_owned())
+        .encoding(Encoding::APPLICATION_JSON)
+        .congestion_control(CongestionControl::Drop)
+        .priority(Priority::InteractiveHigh)
+        .express(true)
+        .wait()
+        .map_err(LinkError::session(format!("publisher {key}")))
+}
