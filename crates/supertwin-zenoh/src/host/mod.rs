@@ -11,7 +11,7 @@ pub(crate) mod schedule;
 mod step;
 
 use crate::mailbox::{Mailbox, Overflow};
-use crate::outbox::{Outbox, Outgoing};
+use crate::outbox::Outbox;
 use crate::session::LinkError;
 use declare::{queryables, subscribe, wire_kinds, wire_publisher};
 use ports::{AsideKeys, Keys};
