@@ -14,22 +14,23 @@ use supertwin_protocol::keys;
 impl<B: Wired + 'static> Host<B> {
     pub(super) fn housekeeping(&mut self, overflow: Overflow) {
         let now = self.now;
-        if overflow != self.overflow {
-            let lost = overflow.wires + overflow.requests - self.overflow.wires - self.overflow.requests;
-            self.overflow = overflow;
+        if overflow != self.counters.overflow {
+            let lost =
+                overflow.wires + overflow.requests - self.counters.overflow.wires - self.counters.overflow.requests;
+            self.counters.overflow = overflow;
             self.refused("", |_, so_far| EventKind::MailboxOverflow { messages: lost, so_far });
         }
-        if let Some(authority) = &mut self.authority
+        if let Some(authority) = &mut self.operator.authority
             && let Some(client) = authority.expire(now)
         {
             let state = authority.state(&self.source, now);
             self.tell_state(keys::LEASE_STATE.to_owned(), &state);
             self.note(Severity::Warning, EventKind::LeaseExpired { client });
         }
-        if now >= self.health_due {
-            self.health_due = now + Duration::from_secs(1);
+        if now >= self.counters.due {
+            self.counters.due = now + Duration::from_secs(1);
             self.tell_health();
-            if let Some(authority) = &self.authority {
+            if let Some(authority) = &self.operator.authority {
                 let state = authority.state(&self.source, now);
                 self.tell_state(keys::LEASE_STATE.to_owned(), &state);
             }
@@ -66,25 +67,25 @@ impl<B: Wired + 'static> Host<B> {
             tick_s: self.options.tick_s,
             lock_step: self.lock_step(),
             sent: self.sent.outputs,
-            steps: self.steps.steps,
-            skipped: self.steps.skipped,
-            by_timer: self.steps.by_timer,
-            deadline_misses: self.steps.deadline_misses,
-            late_triggers: self.steps.late_triggers,
-            repeats: self.steps.repeats,
-            not_finite: self.steps.not_finite,
-            step_us: self.step_us.quantiles(),
-            loop_us: self.loop_us.quantiles(),
+            steps: self.counters.steps.steps,
+            skipped: self.counters.steps.skipped,
+            by_timer: self.counters.steps.by_timer,
+            deadline_misses: self.counters.steps.deadline_misses,
+            late_triggers: self.counters.steps.late_triggers,
+            repeats: self.counters.steps.repeats,
+            not_finite: self.counters.steps.not_finite,
+            step_us: self.counters.step_us.quantiles(),
+            loop_us: self.counters.loop_us.quantiles(),
             inputs: inputs.into_iter().map(|(key, health)| (key.to_owned(), health)).collect(),
             commands: self.commands.counts,
             setpoints: [
-                self.streams.iter().map(|stream| stream.accepted).sum(),
-                self.streams.iter().map(|stream| stream.refused).sum(),
+                self.operator.streams.iter().map(|stream| stream.accepted).sum(),
+                self.operator.streams.iter().map(|stream| stream.refused).sum(),
             ],
-            overflow: [self.overflow.wires, self.overflow.requests],
+            overflow: [self.counters.overflow.wires, self.counters.overflow.requests],
             telemetry_dropped: telemetry_dropped + self.thrown,
             letters_dropped,
-            refused: self.refused_reported.1,
+            refused: self.counters.refused.1,
             events: self.sent.events,
         };
         for wire in &mut self.wires {

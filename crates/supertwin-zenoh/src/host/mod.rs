@@ -8,6 +8,7 @@ mod receive;
 mod rejoin;
 mod request;
 pub(crate) mod schedule;
+mod state;
 mod step;
 
 use crate::mailbox::{Mailbox, Overflow};
@@ -16,7 +17,7 @@ use crate::session::LinkError;
 use declare::{queryables, subscribe, wire_kinds, wire_publisher};
 use ports::{AsideKeys, Keys};
 use schedule::REPEAT_FIRST;
-use serde::Serialize;
+use state::{Counters, LapTimer, Operator, Sent, StepSchedule, WireKind, WireState, Witness};
 use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::Duration;
@@ -29,8 +30,6 @@ use supertwin_protocol::command_queue::CommandQueue;
 use supertwin_protocol::fault::{Fault, FaultRates};
 use supertwin_protocol::keys;
 use supertwin_protocol::lease::{Authority, LeaseView};
-use supertwin_protocol::ledger::Ledger;
-use supertwin_protocol::payload::STREAMS;
 use supertwin_protocol::telemetry::{AppliedBefore, SignalList, Used};
 use zenoh::bytes::ZBytes;
 use zenoh::pubsub::{Publisher, Subscriber};
@@ -134,119 +133,6 @@ pub trait Hosted: Send {
     fn digests(&mut self) -> &mut VecDeque<(u64, u64)>;
 }
 
-/// What a wire carries: an input port of the block, or what steers the host itself.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum WireKind {
-    Port(usize),
-    Setpoint(usize),
-    Lease,
-    Stop,
-    Witness,
-    Operator,
-}
-
-#[derive(Debug)]
-struct WireState {
-    kind: WireKind,
-    ledger: Ledger,
-    /// The newest payload, for those who start anew.
-    held: Option<ZBytes>,
-    age_max: u64,
-    transport_ms_max: f64,
-}
-
-impl WireState {
-    fn new(kind: WireKind, silence: Duration) -> Self {
-        Self { kind, ledger: Ledger::new(silence), held: None, age_max: 0, transport_ms_max: 0.0 }
-    }
-}
-
-#[derive(Debug, Default)]
-struct StepSchedule {
-    /// Real time: when the next step is due without a trigger.
-    due: Option<Duration>,
-    /// The newest trigger that has not been acted on.
-    trigger: Option<u64>,
-}
-
-/// Numbers of the last messages that were sent.
-#[derive(Debug, Default)]
-struct Sent {
-    outputs: u64,
-    telemetry: u64,
-    events: u64,
-}
-
-/// Times of a lap of the ring, by which lost outputs are repeated.
-#[derive(Debug)]
-struct LapTimer {
-    began: Duration,
-    /// Length of the shortest lap lately.
-    shortest: Duration,
-    sent_at: Duration,
-    repeat_after: Duration,
-}
-
-#[derive(Clone, Copy, Debug, Default, Serialize)]
-struct StepCounts {
-    steps: u64,
-    skipped: u64,
-    by_timer: u64,
-    deadline_misses: u64,
-    late_triggers: u64,
-    repeats: u64,
-    not_finite: u64,
-}
-
-#[derive(Debug)]
-struct Witness {
-    name: String,
-    source: String,
-    seen: Option<u64>,
-}
-
-#[derive(Debug, Default)]
-struct Stream {
-    seq: u64,
-    token: String,
-    client: String,
-    heard_at: Duration,
-    live: bool,
-    accepted: u64,
-    refused: u64,
-}
-
-/// The last so many durations, in microseconds.
-#[derive(Debug, Default)]
-struct Recent {
-    values: Vec<f64>,
-    next: usize,
-}
-
-impl Recent {
-    const LENGTH: usize = 512;
-
-    fn add(&mut self, duration: Duration) {
-        let us = duration.as_secs_f64() * 1e6;
-        if self.values.len() < Self::LENGTH {
-            self.values.push(us);
-        } else {
-            self.values[self.next] = us;
-        }
-        self.next = (self.next + 1) % Self::LENGTH;
-    }
-
-    /// Median, 99th percentile, maximum; zeros when there is nothing.
-    fn quantiles(&self) -> [f64; 3] {
-        let mut sorted = self.values.clone();
-        sorted.sort_by(f64::total_cmp);
-        [0.5, 0.99, 1.0].map(|q| {
-            let at = (q * (sorted.len().max(1) - 1) as f64).round();
-            sorted.get(at as usize).copied().unwrap_or(0.0)
-        })
-    }
-}
-
 /// A block behind its keys.
 pub struct Host<B: Wired> {
     block: B,
@@ -275,22 +161,13 @@ pub struct Host<B: Wired> {
     lap: LapTimer,
     fault: Option<Fault>,
     witnesses: Vec<Witness>,
-    authority: Option<Authority>,
-    lease: LeaseView,
-    operator_was: OperatorLink,
-    streams: [Stream; STREAMS.len()],
-    steps: StepCounts,
+    operator: Operator,
+    counters: Counters,
     /// Steps of the block since it was as built, in this run.
     steps_of_run: u64,
     /// Commands that applied and that no telemetry has told yet.
     untold: Vec<AppliedBefore>,
-    refused_reported: (Duration, u64),
-    overflow: Overflow,
-    step_us: Recent,
-    /// Owner of time: from sending a tick's output to what comes back round the ring.
-    loop_us: Recent,
     began_at: Option<Duration>,
-    health_due: Duration,
     digests: VecDeque<(u64, u64)>,
     ending: Option<Ending>,
     buffer: Vec<u8>,
@@ -368,19 +245,16 @@ impl<B: Wired + 'static> Host<B> {
                 .iter()
                 .map(|name| Witness { name: name.clone(), source: String::new(), seen: None })
                 .collect(),
-            authority: options.keeps_authority.then(Authority::default),
-            lease: LeaseView::default(),
-            operator_was: OperatorLink::Present,
-            streams: Default::default(),
-            steps: StepCounts::default(),
+            operator: Operator {
+                authority: options.keeps_authority.then(Authority::default),
+                lease: LeaseView::default(),
+                link: OperatorLink::Present,
+                streams: Default::default(),
+            },
+            counters: Counters { refused: (now, 0), due: now + Duration::from_secs(1), ..Counters::default() },
             steps_of_run: 0,
             untold: Vec::new(),
-            refused_reported: (now, 0),
-            overflow: Overflow::default(),
-            step_us: Recent::default(),
-            loop_us: Recent::default(),
             began_at: None,
-            health_due: now + Duration::from_secs(1),
             digests: VecDeque::new(),
             ending: None,
             buffer: Vec::with_capacity(4096),
@@ -402,7 +276,7 @@ impl<B: Wired + 'static> Host<B> {
         }
         // Only now, when it knows the run: who asks before would wait for an answer that nobody gives yet.
         host._queryables = queryables::<B>(session, host.options.keeps_authority, mailbox, index, &host.outbox)?;
-        if let Some(authority) = &host.authority {
+        if let Some(authority) = &host.operator.authority {
             let state = authority.state(&host.source, now);
             host.tell_state(keys::LEASE_STATE.to_owned(), &state);
         }
@@ -470,7 +344,7 @@ impl<B: Wired + 'static> Hosted for Host<B> {
         } else {
             self.schedule.due
         };
-        Some(next.map_or(self.health_due, |next| next.min(self.health_due)))
+        Some(next.map_or(self.counters.due, |next| next.min(self.counters.due)))
     }
 
     fn ending(&self) -> Option<&Ending> {
@@ -487,7 +361,7 @@ impl<B: Wired + 'static> Hosted for Host<B> {
 
     fn progress(&self) -> (u64, Duration) {
         let since = self.began_at.map_or(Duration::ZERO, |began| self.lap.sent_at.saturating_sub(began));
-        (self.steps.steps, since)
+        (self.counters.steps.steps, since)
     }
 
     fn digests(&mut self) -> &mut VecDeque<(u64, u64)> {

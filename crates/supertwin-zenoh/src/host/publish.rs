@@ -55,7 +55,7 @@ impl<B: Wired + 'static> Host<B> {
     /// Something was refused; `what` is told why and how much was refused so far.
     pub(super) fn refused(&mut self, reason: &str, what: impl FnOnce(String, u64) -> EventKind) {
         // A flood makes one event a second, not one per message; every one is counted.
-        let (at, count) = &mut self.refused_reported;
+        let (at, count) = &mut self.counters.refused;
         *count += 1;
         let now = self.now;
         if *count == 1 || now.saturating_sub(*at) >= Duration::from_secs(1) {

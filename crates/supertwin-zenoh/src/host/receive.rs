@@ -26,7 +26,7 @@ impl<B: Wired + 'static> Host<B> {
                 let gone = payload.to_bytes();
                 let client = String::from_utf8_lossy(&gone).into_owned();
                 let now = self.now;
-                if let Some(authority) = &mut self.authority
+                if let Some(authority) = &mut self.operator.authority
                     && authority.vanished(&client)
                 {
                     let state = authority.state(&self.source, now);
@@ -75,7 +75,7 @@ impl<B: Wired + 'static> Host<B> {
                     wire.transport_ms_max = wire.transport_ms_max.max(late_ns as f64 / 1e6);
                 }
                 if B::OWNS_TIME && tick + 1 == self.next {
-                    self.loop_us.add(now.saturating_sub(self.lap.sent_at));
+                    self.counters.loop_us.add(now.saturating_sub(self.lap.sent_at));
                 }
                 if self.lock_step() {
                     if tick > self.next {
@@ -190,15 +190,15 @@ impl<B: Wired + 'static> Host<B> {
     }
 
     pub(super) fn lease_state(&mut self, payload: &[u8]) {
-        if self.authority.is_none()
+        if self.operator.authority.is_none()
             && let Ok(state) = serde_json::from_slice::<LeaseState>(payload)
         {
-            self.lease.update(state, self.now);
+            self.operator.lease.update(state, self.now);
         }
     }
 
     pub(super) fn lease(&self) -> &LeaseView {
-        self.authority.as_ref().map_or(&self.lease, Authority::view)
+        self.operator.authority.as_ref().map_or(&self.operator.lease, Authority::view)
     }
 
     pub(super) fn streamed(&mut self, i: usize, payload: &[u8]) {
@@ -209,7 +209,7 @@ impl<B: Wired + 'static> Host<B> {
             }
             let sample: StreamedSetpoint = serde_json::from_slice(payload).map_err(|error| error.to_string())?;
             self.lease().allows(&sample.client, &sample.token, now)?;
-            let stream = &self.streams[i];
+            let stream = &self.operator.streams[i];
             if stream.client == sample.client && stream.token == sample.token && sample.seq <= stream.seq {
                 return Err(format!("seq = {}: must be greater than {}", sample.seq, stream.seq));
             }
@@ -223,7 +223,7 @@ impl<B: Wired + 'static> Host<B> {
         })();
         match taken {
             Ok(sample) => {
-                let stream = &mut self.streams[i];
+                let stream = &mut self.operator.streams[i];
                 stream.live = sample.value.is_some();
                 stream.client = sample.client;
                 stream.token = sample.token;
@@ -232,7 +232,7 @@ impl<B: Wired + 'static> Host<B> {
                 stream.accepted += 1;
             }
             Err(why) => {
-                self.streams[i].refused += 1;
+                self.operator.streams[i].refused += 1;
                 let sample =
                     (payload.len() <= MAX_REQUEST).then(|| serde_json::from_slice::<StreamedSetpoint>(payload).ok());
                 let client = sample.flatten().map(|sample| sample.client);

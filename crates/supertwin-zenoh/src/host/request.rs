@@ -65,7 +65,8 @@ impl<B: Wired + 'static> Host<B> {
     pub(super) fn command(&mut self, name: &str, payload: &[u8], session: Option<String>) -> Result<Value, Value> {
         let moment = self.moment();
         let tick = self.tick(self.next);
-        let (block, lease) = (&self.block, self.authority.as_ref().map_or(&self.lease, Authority::view));
+        let (block, lease) =
+            (&self.block, self.operator.authority.as_ref().map_or(&self.operator.lease, Authority::view));
         let before = self.commands.counts;
         let answer = self.commands.submit(name, payload, lease, moment, |command| block.clone().command(tick, command));
         let after = self.commands.counts;
@@ -123,7 +124,7 @@ impl<B: Wired + 'static> Host<B> {
 
     pub(super) fn authority(&mut self, payload: &[u8], session: Option<String>) -> Result<Value, Value> {
         let now = self.now;
-        let Some(authority) = &mut self.authority else {
+        let Some(authority) = &mut self.operator.authority else {
             return Err(json!({ "reason": "this service does not keep the authority" }));
         };
         let read = if payload.len() > MAX_REQUEST {

@@ -106,7 +106,7 @@ impl<B: Wired + 'static> Host<B> {
                 let lost = u64::try_from(behind).unwrap_or(u64::MAX / 2);
                 self.note(Severity::Error, EventKind::TicksLeftOut { ticks: lost });
                 self.next += lost;
-                self.steps.skipped += lost;
+                self.counters.steps.skipped += lost;
                 self.schedule.due = Some(now);
                 self.step(self.next, true);
                 self.schedule.due = Some(now + interval);
@@ -117,7 +117,7 @@ impl<B: Wired + 'static> Host<B> {
                 self.step(self.next, false);
             }
             if behind > 0 {
-                self.steps.deadline_misses += behind;
+                self.counters.steps.deadline_misses += behind;
                 self.note(Severity::Warning, EventKind::TicksLate { ticks: behind });
             }
             self.step(self.next, true);
@@ -127,14 +127,14 @@ impl<B: Wired + 'static> Host<B> {
         if let Some(tick) = self.schedule.trigger.take() {
             if tick >= self.next {
                 if self.output.is_some() {
-                    self.steps.skipped += tick - self.next;
+                    self.counters.steps.skipped += tick - self.next;
                 }
                 self.step(tick, true);
                 self.schedule.due = Some(now + 2 * interval);
                 return true;
             }
             // Ahead of the owner of time: waits until it is level again.
-            self.steps.late_triggers += 1;
+            self.counters.steps.late_triggers += 1;
             if self.next - tick < LEVEL_TICKS {
                 self.schedule.due = Some(now + 2 * interval);
             }
@@ -143,7 +143,7 @@ impl<B: Wired + 'static> Host<B> {
         if let Some(due) = self.schedule.due
             && now >= due
         {
-            self.steps.by_timer += 1;
+            self.counters.steps.by_timer += 1;
             self.step(self.next, true);
             self.schedule.due = Some(if due + interval < now { now + interval } else { due + interval });
             return true;

@@ -25,13 +25,13 @@ impl<B: Wired + 'static> Host<B> {
         }
         let now = self.now;
         let (deadman, lease) = (self.options.deadman, self.lease());
-        let silent = self.streams.iter().any(|stream| {
+        let silent = self.operator.streams.iter().any(|stream| {
             // A stream whose client has given the authority back is over.
             let theirs = lease.holder(now) == Some(stream.client.as_str());
             stream.live && theirs && now.saturating_sub(stream.heard_at) > deadman
         });
         let link = if lease.operator_lost(now) || silent { OperatorLink::Lost } else { OperatorLink::Present };
-        if core::mem::replace(&mut self.operator_was, link) != link {
+        if core::mem::replace(&mut self.operator.link, link) != link {
             match link {
                 OperatorLink::Lost => {
                     self.note(Severity::Warning, EventKind::OperatorLost { setpoints_stopped: silent });
@@ -87,7 +87,7 @@ impl<B: Wired + 'static> Host<B> {
         let out = self.block.step(tick, self.ports.input(tick, operator));
         self.ports.visit(&mut Stepped);
         self.next = k + 1;
-        self.steps.steps += 1;
+        self.counters.steps.steps += 1;
         self.steps_of_run += 1;
         if self.options.telemetry_every > 0 {
             self.untold.extend(commands.into_iter().map(|command| AppliedBefore { tick: k, command }));
@@ -98,7 +98,7 @@ impl<B: Wired + 'static> Host<B> {
         if !self.probe.take_finite()
             && let Some(path) = not_finite(&self.block, &out)
         {
-            self.steps.not_finite += 1;
+            self.counters.steps.not_finite += 1;
             let what = |so_far| EventKind::NotFinite { at_tick: k, signal: Cow::Borrowed(path), so_far };
             if self.lock_step() {
                 self.fail_by(what(None));
@@ -122,7 +122,7 @@ impl<B: Wired + 'static> Host<B> {
             self.send_telemetry(k, digest, &used, operator);
         }
         self.used = used;
-        self.step_us.add(self.clock.now().saturating_sub(began));
+        self.counters.step_us.add(self.clock.now().saturating_sub(began));
     }
 
     pub(super) fn send_output(&mut self, repeat: bool) {
@@ -183,7 +183,7 @@ impl<B: Wired + 'static> Host<B> {
 
     pub(super) fn send_again(&mut self) {
         if self.output.is_some() {
-            self.steps.repeats += 1;
+            self.counters.steps.repeats += 1;
             self.send_output(true);
             if let Some(payload) = self.telemetry.clone() {
                 self.outbox.telemetry(0, payload);
