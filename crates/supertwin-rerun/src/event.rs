@@ -1,7 +1,7 @@
 //! Events in a recording, at `event/<service>`: the sentence for the viewer, and beside it the data as JSON for programs.
 
+use crate::chunk_rows::{labels, strings};
 use crate::chunks::{Clocks, Problem, Times, columns, nanos, text};
-use crate::read::{labels, strings};
 use rerun::external::arrow::array::StringArray;
 use rerun::log::Chunk;
 use rerun::{ComponentDescriptor, ComponentIdentifier, EntityPath, SerializedComponentBatch};

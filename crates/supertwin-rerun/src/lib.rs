@@ -30,6 +30,7 @@
 
 mod atomic_file;
 pub mod blueprint;
+mod chunk_rows;
 mod chunks;
 mod compact;
 mod derived;

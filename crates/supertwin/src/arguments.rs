@@ -3,13 +3,15 @@
 use crate::terminal;
 use clap::{Args, ValueEnum};
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use supertwin_lab::{ConfigError, Library, ResolvedTrial, trial};
 use supertwin_operations::placement::{HostedService, PlacementOptions};
 use supertwin_operations::recorder::{Rotation, WITNESS};
 use supertwin_operations::{NetworkClient, OperationError};
-use supertwin_protocol::{FaultRates, keys};
-use supertwin_zenoh::{Link, Pace};
+use supertwin_protocol::{FaultRates, SystemClock, keys};
+use supertwin_zenoh::router::expiring;
+use supertwin_zenoh::{Link, LinkError, Pace, Session};
 
 /// Which trials; without any, the paper's three case studies.
 #[derive(Debug, Args)]
@@ -313,4 +315,25 @@ impl RecordingArguments {
     pub(crate) fn rotation(&self) -> Rotation {
         Rotation { bytes: self.part_mb << 20, time: Duration::from_secs_f64(60.0 * self.part_min) }
     }
+}
+
+/// Opens a session, and waits for a router that is not there yet; `None` when interrupted.
+pub(crate) fn open_patiently(mut link: Link, stop: &AtomicBool) -> Result<Option<Session>, OperationError> {
+    link.patience_ms = 1000;
+    if let Some(text) = expiring(&link.settings()?, &SystemClock::start()).map_err(LinkError::from)? {
+        terminal::warn(&format!("warning: {text}"));
+    }
+    let mut warned = false;
+    while !stop.load(Ordering::Relaxed) {
+        match link.open() {
+            Ok(session) => return Ok(Some(session)),
+            Err(error @ LinkError::NoRouter { .. }) => {
+                if !core::mem::replace(&mut warned, true) {
+                    terminal::warn(&format!("waiting: {error}"));
+                }
+            }
+            Err(error) => return Err(error.into()),
+        }
+    }
+    Ok(None)
 }

@@ -56,7 +56,7 @@ pub(crate) struct Shared {
 }
 
 /// A message that has been read as far as its header.
-struct WireMessage {
+struct UnwrittenMessage {
     key: String,
     run: String,
     tick: u64,
@@ -77,7 +77,7 @@ pub(crate) struct Vehicle {
     run: Option<Run>,
     /// Nothing may be lost while a run is not yet known.
     events: Vec<(String, Event, Clocks)>,
-    wires: Vec<WireMessage>,
+    wires: Vec<UnwrittenMessage>,
     states: Vec<(String, Clocks, String)>,
     asked_at: Duration,
     /// The end of a lock-step run that has been announced: tick, complete.

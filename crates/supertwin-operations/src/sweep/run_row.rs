@@ -9,10 +9,11 @@ use supertwin_rerun::{Column, Table, TableError};
 use toml::Value;
 
 /// What became of a run.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RunVerdict {
     /// It came to its end, and no limits were given.
+    #[default]
     Complete,
     /// It keeps all limits.
     Pass,
@@ -45,7 +46,7 @@ impl RunVerdict {
 }
 
 /// A finished run.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RunRow {
     /// Its place in the plan.
@@ -102,12 +103,8 @@ impl RunRow {
             id: id.to_owned(),
             verdict: RunVerdict::Invalid,
             error: Some(error.to_string()),
-            hash: None,
             ticks,
-            warnings: 0,
-            refused: 0,
-            recording: None,
-            scores: BTreeMap::new(),
+            ..Self::default()
         }
     }
 }

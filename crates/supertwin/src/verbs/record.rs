@@ -1,8 +1,7 @@
 //! `supertwin record`: what flows on the network, into recordings and a live view.
 
-use crate::arguments::{LIVE_PORT, LinkArguments, LiveArguments, RecordingArguments};
+use crate::arguments::{LIVE_PORT, LinkArguments, LiveArguments, RecordingArguments, open_patiently};
 use crate::terminal::{self, INTERRUPTED};
-use crate::verbs::serve::open_patiently;
 use clap::Args;
 use serde_json::{Value, json};
 use std::process::ExitCode;

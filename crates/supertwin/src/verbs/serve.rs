@@ -3,6 +3,7 @@
 use super::record;
 use crate::arguments::{
     LinkArguments, LiveArguments, PaceArgument, PlacementArguments, RECORDINGS, RecordingArguments, Service,
+    open_patiently,
 };
 use crate::terminal::{self, Bar, INTERRUPTED};
 use clap::Args;
@@ -17,8 +18,8 @@ use supertwin_operations::recorder::{self, Recorder};
 use supertwin_operations::router_access::RouterAccess;
 use supertwin_operations::{OperationError, Progress as _, Stopwatch};
 use supertwin_protocol::{Clock, SystemClock};
-use supertwin_zenoh::router::{News, expiring};
-use supertwin_zenoh::{Ending, Engine, Finished, Link, LinkError, Mailbox, Pace, Router, Session, close, session};
+use supertwin_zenoh::router::News;
+use supertwin_zenoh::{Ending, Engine, Finished, Link, Mailbox, Pace, Router, Session, close, session};
 
 /// Arguments of `up`.
 #[derive(Debug, Args)]
@@ -294,27 +295,6 @@ fn certificate_news(news: News) {
         News::Renewed(text) => terminal::warn(&text),
         News::Warning(text) => terminal::warn(&format!("warning: {text}")),
     }
-}
-
-/// Opens a session, and waits for a router that is not there yet; `None` when interrupted.
-pub(crate) fn open_patiently(mut link: Link, stop: &AtomicBool) -> Result<Option<Session>, OperationError> {
-    link.patience_ms = 1000;
-    if let Some(text) = expiring(&link.settings()?, &SystemClock::start()).map_err(LinkError::from)? {
-        terminal::warn(&format!("warning: {text}"));
-    }
-    let mut said = false;
-    while !stop.load(Ordering::Relaxed) {
-        match link.open() {
-            Ok(session) => return Ok(Some(session)),
-            Err(error @ LinkError::NoRouter { .. }) => {
-                if !core::mem::replace(&mut said, true) {
-                    terminal::warn(&format!("waiting: {error}"));
-                }
-            }
-            Err(error) => return Err(error.into()),
-        }
-    }
-    Ok(None)
 }
 
 fn say(json: bool, value: &serde_json::Value, text: impl FnOnce() -> String) {

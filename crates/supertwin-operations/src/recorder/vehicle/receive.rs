@@ -1,7 +1,7 @@
 //! What a vehicle says, message by message: read, counted, and put where it waits for its tick.
 
 use super::super::lap_assembler::{Entered, ServiceTelemetry};
-use super::{ASK, ROOM, Run, Vehicle, WIRES, WireMessage};
+use super::{ASK, ROOM, Run, UnwrittenMessage, Vehicle, WIRES};
 use std::time::Duration;
 use supertwin_core::run::Properties;
 use supertwin_core::{Event, EventKind, Severity};
@@ -168,7 +168,13 @@ impl Vehicle {
         };
         let Some(active) = &mut self.run else {
             if self.wires.len() < ROOM {
-                self.wires.push(WireMessage { key: key.to_owned(), run, tick, clocks, bytes: heard.payload.clone() });
+                self.wires.push(UnwrittenMessage {
+                    key: key.to_owned(),
+                    run,
+                    tick,
+                    clocks,
+                    bytes: heard.payload.clone(),
+                });
             }
             return;
         };
@@ -195,6 +201,6 @@ impl Vehicle {
                 active.wire_seen.insert(key.to_owned(), (source, seq));
             }
         }
-        self.wires.push(WireMessage { key: key.to_owned(), run, tick, clocks, bytes: heard.payload.clone() });
+        self.wires.push(UnwrittenMessage { key: key.to_owned(), run, tick, clocks, bytes: heard.payload.clone() });
     }
 }
