@@ -2,7 +2,7 @@
 
 use crate::notice::Notices;
 pub use crate::services::SERVICES;
-use crate::{Message, Observe, Tick};
+use crate::{Message, Observe, Refusal, Tick};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
@@ -47,8 +47,3 @@ pub trait Block: Observe + Clone + Send {
         Value::Null
     }
 }
-
-/// A command that was not obeyed, and why.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("{0}")]
-pub struct Refusal(pub String);

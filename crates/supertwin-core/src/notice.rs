@@ -1,9 +1,7 @@
-//! What a block is doing, as named states: a change of one of these is an event.
+//! What a block is doing, as named states.
 
-use crate::event::{EventKind, Severity};
-use crate::{Block, Event, Tick};
+use crate::event::Severity;
 use arrayvec::ArrayVec;
-use std::borrow::Cow;
 
 /// Most things that one block gives notice of.
 pub const MAX_NOTICES: usize = 8;
@@ -43,42 +41,3 @@ impl Notice {
 
 /// Notices in the block's own order.
 pub type Notices = ArrayVec<Notice, MAX_NOTICES>;
-
-/// Remembers a block's notices and makes events of their changes.
-#[derive(Clone, Debug)]
-pub struct Watch {
-    last: Notices,
-}
-
-impl Watch {
-    /// Begins with what the block says before its first step, which is no event.
-    #[must_use]
-    pub fn new<B: Block>(block: &B) -> Self {
-        Self { last: block.notices(None) }
-    }
-
-    /// After a step: each change is an event.
-    pub fn after<B: Block>(&mut self, tick: Tick, block: &B, out: &B::Out, mut event: impl FnMut(Event)) {
-        let now = block.notices(Some(out));
-        if now == self.last {
-            return;
-        }
-        for (i, notice) in now.iter().enumerate() {
-            let before = self.last.get(i);
-            if before != Some(notice) {
-                event(Event {
-                    tick: tick.k,
-                    service: Cow::Borrowed(B::NAME),
-                    severity: notice.severity,
-                    what: EventKind::StateChanged {
-                        what: Cow::Borrowed(notice.what),
-                        from: Cow::Borrowed(before.map_or("", |before| before.state)),
-                        to: Cow::Borrowed(notice.state),
-                        consequence: Cow::Borrowed(notice.consequence),
-                    },
-                });
-            }
-        }
-        self.last = now;
-    }
-}
