@@ -235,7 +235,7 @@ fn a_signal_is_named_where_it_is_declared_and_nowhere_else() {
     let mut read = 0;
     for path in sources(&root().join("crates")) {
         let name = path.display().to_string();
-        if !name.contains("/src/") || DECLARED.iter().any(|place| name.contains(place)) {
+        if !name.contains("/src/") || path.ends_with("tests.rs") || DECLARED.iter().any(|place| name.contains(place)) {
             continue;
         }
         read += 1;
@@ -250,16 +250,20 @@ fn a_signal_is_named_where_it_is_declared_and_nowhere_else() {
 
 #[test]
 fn every_file_of_tests_is_part_of_a_program() {
-    let manifests: String = crates()
-        .keys()
-        .map(|name| fs::read_to_string(root().join("crates").join(name).join("Cargo.toml")).unwrap())
-        .collect();
-    let folders = crates().into_keys().map(|name| root().join("crates").join(name).join("tests"));
-    for path in folders.chain([root().join("tests")]).flat_map(|folder| sources(&folder)) {
-        // Without a `main.rs` beside it, cargo makes a program of each file by itself.
-        let Ok(main) = fs::read_to_string(path.with_file_name("main.rs")) else { continue };
+    let folders = || crates().into_keys().map(|name| root().join("crates").join(name));
+    let tests = || folders().chain([root()]).flat_map(|folder| sources(&folder.join("tests")));
+    // Manifests and `#[path = "…"]` of crates name a file from elsewhere.
+    let manifests = folders().map(|folder| folder.join("Cargo.toml"));
+    let naming: String =
+        manifests.chain(sources(&root().join("crates"))).map(|path| fs::read_to_string(path).unwrap()).collect();
+    for path in tests() {
+        // What declares it; without that, cargo makes a program of each file by itself.
+        let above = ["main.rs", "mod.rs"].map(|name| path.with_file_name(name));
+        let above = above.into_iter().chain([path.parent().unwrap().with_extension("rs")]).filter(|file| *file != path);
+        let Some(above) = above.filter_map(|file| fs::read_to_string(file).ok()).next() else { continue };
         let name = path.file_stem().unwrap().to_string_lossy();
-        let named = main.contains(&format!("mod {name};")) || manifests.contains(&format!("tests/{name}.rs\""));
+        let folder = path.parent().unwrap().file_name().unwrap().to_string_lossy();
+        let named = above.contains(&format!("mod {name};")) || naming.contains(&format!("{folder}/{name}.rs\""));
         assert!(named, "{}: belongs to no program, and its tests never run", path.display());
     }
 }
