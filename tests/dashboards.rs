@@ -1,12 +1,15 @@
 //! The dashboards show what recordings contain, and every curve can be seen in the real viewer.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
+mod command;
+mod comparison;
+
 use crate::support::python;
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
+use std::process::{Command, Stdio};
 use std::sync::OnceLock;
 use supertwin_core::block::SERVICES;
 use supertwin_core::message::{Message, Nav, Thrust};
@@ -15,13 +18,10 @@ use supertwin_core::signal::link::{self, Account};
 use supertwin_core::signal::{
     controller, estimator, guidance, measurements, nav, plant, reference, thrust, truth, wrench_request,
 };
-use supertwin_core::{Capability, Observe, Probe, Property, RunHeader, RunSink, RunSource, Signal, Tick};
-use supertwin_lab::{LAWS, Library, metrics, trial};
-use supertwin_rerun::blueprint::{self, About, DASHBOARDS, Dashboard, TABS, View};
-use supertwin_rerun::merge::{Better, Cell, ScoreRow, Scores};
-use supertwin_rerun::{
-    Merge, Merged, MergedRun, Options, Recording, RerunSink, merge, read, read_selected, signals, style,
-};
+use supertwin_core::{Capability, Observe, Probe, RunHeader, RunSink, RunSource, Signal, Tick};
+use supertwin_lab::{LAWS, Library, trial};
+use supertwin_rerun::blueprint::{self, About, DASHBOARDS, Dashboard, View};
+use supertwin_rerun::{Options, Recording, RerunSink, read, signals, style};
 
 /// Signals that no dashboard shows, and why.
 static NOT_SHOWN: [(&Signal, &str); 26] = [
@@ -375,133 +375,6 @@ fn every_curve_of_every_plot_can_be_seen() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
-/// Measured errors that the paper has in its table IV, and what they cost.
-const METRICS: [&str; 8] = [
-    "measured.distance_m",
-    "measured.speed_m_per_s",
-    "measured.surge_m_per_s",
-    "measured.sway_m_per_s",
-    "measured.depth_m",
-    "measured.heading_rad",
-    "activity.surge",
-    "activity.heave",
-];
-
-/// Mean and standard deviation of what these runs left in their properties.
-fn score(paths: &[&Path], name: &str) -> Cell {
-    let value = |path: &&Path| match read_selected(path, &|_| false).unwrap().properties["result"][name] {
-        Property::Number(value) => value,
-        _ => panic!("{name} is no number"),
-    };
-    let values: Vec<f64> = paths.iter().map(value).collect();
-    let n = values.len() as f64;
-    let mean = values.iter().sum::<f64>() / n;
-    let variance = values.iter().map(|x| (x - mean) * (x - mean)).sum::<f64>() / (n - 1.0);
-    Cell { value: mean, plus_minus: (values.len() > 1).then(|| variance.sqrt()) }
-}
-
-/// Merges the paper's trials, each with as many recordings as there are; GSTA is what the others are held against.
-fn compare(name: &str, trials: &[(&str, Vec<&Path>)]) -> (PathBuf, Merged) {
-    let mut all = Merge { name: name.to_owned(), ..Merge::default() };
-    for (group, (trial, paths)) in trials.iter().enumerate() {
-        all.groups.push((*trial).to_owned());
-        for (i, path) in paths.iter().enumerate() {
-            let name = path.file_stem().unwrap().to_string_lossy().into_owned();
-            let against = (group > 0).then_some(i);
-            all.runs.push(MergedRun { name, paths: vec![path.to_path_buf()], offset_ns: 0, group, against });
-        }
-    }
-    let row = |name: &str| ScoreRow {
-        name: name.to_owned(),
-        title: metrics::named(name).unwrap().title.clone(),
-        unit: metrics::named(name).unwrap().unit.to_owned(),
-        cells: trials.iter().map(|(_, paths)| Some(score(paths, name))).collect(),
-        better: Better::Lower,
-        chart: true,
-    };
-    all.scores = Scores { rows: METRICS.map(row).into(), ..Scores::default() };
-    let best = |row: &ScoreRow| row.cells.iter().flatten().map(|cell| cell.value).fold(f64::INFINITY, f64::min);
-    for row in &all.scores.rows {
-        let best = row.cells.iter().position(|cell| cell.unwrap().value <= best(row)).unwrap();
-        all.scores.verdicts.push(format!("{}: **{}** has least.", row.title, all.groups[best]));
-    }
-    let path = folder().join(format!("{name}.rrd"));
-    let merged = merge(&all, &path, true).unwrap();
-    (path, merged)
-}
-
-/// Colours of the curves in a plot of a comparison, which has them written down.
-fn colors(view: &View) -> Vec<[u8; 3]> {
-    let color = |curves: &blueprint::Curves| {
-        let [r, g, b, _] = curves.color.unwrap_or_default().to_be_bytes();
-        [r, g, b]
-    };
-    view.curves.iter().map(color).collect()
-}
-
-/// Draws every tab of a comparison to `<name>-<tab>.png`, and says which curves can't be seen.
-fn look(name: &str, path: &Path, merged: &Merged) -> Vec<String> {
-    let mut jobs = Vec::new();
-    let mut plots = Vec::new();
-    for tab in &TABS {
-        let tab = tab.name;
-        let mut dashboard = Dashboard::compare(&merged.compared, Some(tab));
-        dashboard.mark_plots();
-        let of_tab: Vec<View> = dashboard.views().iter().filter(|view| !view.curves.is_empty()).cloned().collect();
-        assert!(!of_tab.is_empty(), "{name}: {tab}");
-        let plot = |view: &View| {
-            let colors = [colors(view), vec![NO_CURVE]].concat();
-            json!({ "id": view.id, "mark": view.mark, "share": view.share, "colors": colors })
-        };
-        let looked_at: Vec<_> = of_tab.iter().map(plot).collect();
-        let tab = format!("{name}-{}", tab.replace(' ', "-"));
-        jobs.push(json!({ "name": tab, "file": save(&tab, dashboard), "plots": looked_at }));
-        plots.extend(of_tab);
-    }
-    if !python::can_draw() {
-        return Vec::new();
-    }
-    let counts = draw(name, path, &jobs, &[]);
-    let mut wrong = Vec::new();
-    for view in &plots {
-        let (none, of_curves) = counts[&view.id].split_last().unwrap();
-        for (curves, pixels) in view.curves.iter().zip(of_curves).filter(|(_, pixels)| **pixels < LEAST) {
-            wrong.push(format!("{name}: {}: {} has {pixels} pixels", view.name, curves.entity));
-        }
-        if *none >= LEAST {
-            wrong.push(format!("{name}: {}: {none} pixels of none", view.name));
-        }
-    }
-    wrong
-}
-
-#[test]
-fn a_comparison_shows_who_is_better_where() {
-    let laws = ["paper-gsta", "paper-agsta", "paper-pid"];
-    let one = |law| (law, vec![recordings()[law].0.as_path()]);
-    let (path, merged) = compare("compare-one", &laws.map(one));
-    assert_eq!((merged.runs, merged.every_ticks, merged.compared.several()), (3, 1, false));
-    let mut wrong = look("compare-one", &path, &merged);
-
-    // Several seeds of each, half a minute long.
-    let shorter = "trial.duration_s=40".parse().unwrap();
-    let library = Library::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../config"), vec![shorter]);
-    let record = |law: &str, seed: u64| {
-        let path = folder().join(format!("compare-{law}-seed{seed}.rrd"));
-        let mut sink = RerunSink::create(&path, overwrite()).unwrap();
-        let trial = &trial::load(&library, law).unwrap()[0];
-        supertwin_lab::run(trial, seed, &mut sink, Some(&Properties::new()), |_| true).unwrap();
-        path
-    };
-    let seeds = laws.map(|law| (1..=4).map(|seed| record(law, seed)).collect::<Vec<_>>());
-    let many: Vec<_> =
-        laws.iter().zip(&seeds).map(|(law, paths)| (*law, paths.iter().map(PathBuf::as_path).collect())).collect();
-    let (path, merged) = compare("compare-many", &many);
-    assert_eq!((merged.runs, merged.compared.several()), (12, true));
-    wrong.extend(look("compare-many", &path, &merged));
-    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
-}
-
 /// Leaves `overview.png` and `tracking.png` as they stand in the README.
 #[test]
 fn the_pictures_of_the_readme_can_be_made() {
@@ -516,48 +389,4 @@ fn the_pictures_of_the_readme_can_be_made() {
         let bytes = fs::metadata(&kept).unwrap().len();
         assert!((10_000..400_000).contains(&bytes), "{}: {bytes} bytes", kept.display());
     }
-}
-
-fn supertwin(folder: &Path, arguments: &[&str]) -> Output {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_supertwin"));
-    command.current_dir(folder).args(arguments).stdin(Stdio::null()).output().unwrap()
-}
-
-#[test]
-fn the_command_lists_dashboards_and_writes_them_once() {
-    let folder = tempfile::tempdir().unwrap();
-    let listed = supertwin(folder.path(), &["dashboard", "--list"]);
-    let said = String::from_utf8(listed.stdout).unwrap();
-    assert!(DASHBOARDS.iter().zip(said.lines()).all(|(one, line)| line.starts_with(one.name)), "{said}");
-    // What depends on the runs has no file, and the list says who writes it.
-    assert!(said.lines().last().unwrap().starts_with("compare "), "{said}");
-    assert!(said.contains("`supertwin compare --out`"), "{said}");
-
-    let saved = supertwin(folder.path(), &["dashboard", "--save", "here", "--json"]);
-    let saved: Value = serde_json::from_slice(&saved.stdout).unwrap();
-    let saved = saved.as_array().unwrap();
-    assert_eq!(saved.len(), DASHBOARDS.len() - 1, "all but the one that depends on the runs");
-    for (described, one) in DASHBOARDS.iter().zip(saved) {
-        let name = described.name;
-        assert_eq!((one["name"].as_str(), one["file"].as_str()), (Some(name), Some(&*format!("here/{name}.rbl"))));
-        assert!(one["views"].as_array().is_some_and(|views| !views.is_empty()));
-        let bytes = fs::read(folder.path().join(format!("here/{name}.rbl"))).unwrap();
-        assert!(bytes.starts_with(b"RRF"), "{name}");
-    }
-    // A file that is there is only replaced when asked to.
-    fs::write(folder.path().join("here/link.rbl"), "precious").unwrap();
-    let again = supertwin(folder.path(), &["dashboard", "link", "--save", "here"]);
-    assert_eq!(again.status.code(), Some(2));
-    let said = String::from_utf8(again.stderr).unwrap();
-    assert!(said.contains("here/link.rbl: exists already; use --force to replace it"), "{said}");
-    assert_eq!(fs::read(folder.path().join("here/link.rbl")).unwrap(), b"precious");
-    assert!(supertwin(folder.path(), &["dashboard", "link", "--save", "here", "--force"]).status.success());
-
-    let none = supertwin(folder.path(), &["dashboard", "compare", "--save", "here"]);
-    let refused = String::from_utf8(none.stderr).unwrap();
-    assert!(none.status.code() == Some(2) && refused.contains("compare: depends on the runs"), "{refused}");
-
-    let unknown = supertwin(folder.path(), &["dashboard", "trackings", "--list"]);
-    assert_eq!(unknown.status.code(), Some(2));
-    assert!(String::from_utf8(unknown.stderr).unwrap().contains("trackings: is no dashboard; there are overview"));
 }

@@ -1,0 +1,152 @@
+//! Services, routers and operators that go away: who comes back, and what the vehicle does meanwhile.
+
+use super::{Vehicle, label, number, router, stays_bounded, travels, until_status};
+use crate::support::Events;
+use serde_json::{Value, json};
+use std::time::Duration;
+use supertwin_protocol::lease::LeaseAction;
+
+#[test]
+fn each_service_killed_in_turn_rejoins_without_a_hand_and_without_a_jump() {
+    let mut vehicle = Vehicle::start(None, "127.0.0.1");
+    vehicle.serve("guidance", None);
+    let beside = vehicle.listen().listen("plant/truth").listen("telemetry/*").listen("controller/thrust");
+    travels(&beside);
+    for service in ["guidance", "estimator", "controller"] {
+        let mut before = None;
+        beside.until("the wrench before", |key, value| {
+            if key == "controller/thrust" {
+                before = Some((value["source"].clone(), value["data"]["allocated"].clone()));
+            }
+            before.is_some()
+        });
+        let (was, last) = before.expect("there was one");
+        vehicle.restart(service);
+        if service == "controller" {
+            // The first wrench of the new instance continues from the last of the old one.
+            let (first, _) =
+                beside.until("the new controller", |key, value| key == "controller/thrust" && value["source"] != was);
+            let newest = &first["data"]["allocated"];
+            for axis in ["surge", "sway", "heave"] {
+                let jump = number(newest, &format!("/{axis}_n")) - number(&last, &format!("/{axis}_n"));
+                assert!(jump.abs() < 25.0, "{axis} jumps by {jump} N: {last} then {newest}");
+            }
+        }
+        stays_bounded(&beside, 100);
+        until_status(&beside, "tracking");
+        travels(&beside);
+    }
+    // The plant's death is the twin's: a new truth begins where the trial does, at the tick where the others are.
+    let (last, _) = beside.until("truth", |key, _| key == "plant/truth");
+    vehicle.restart("plant");
+    let (first, _) =
+        beside.until("a new plant", |key, value| key == "plant/truth" && value["source"] != last["source"]);
+    assert_eq!(first["run"], last["run"], "the run goes on");
+    assert!(first["tick"].as_u64() > last["tick"].as_u64(), "and so does its time");
+    until_status(&beside, "tracking");
+    travels(&beside);
+}
+
+#[test]
+fn a_router_that_restarts_is_found_again() {
+    let mut vehicle = Vehicle::start(None, "127.0.0.1");
+    vehicle.serve("guidance", None);
+    let beside = vehicle.listen().listen("plant/truth").listen("telemetry/controller");
+    let told = vehicle.listen().events();
+    travels(&beside);
+    vehicle.router.kill();
+    // A tool waits for three seconds before it gives up: longer than the controller's patience with a silent guidance.
+    let nobody = vehicle.place.call(&["top", "--connect", &vehicle.place.socket]);
+    assert!(nobody.code == Some(2) && nobody.err.contains("no router at"), "{nobody:?}");
+    (vehicle.router, vehicle.tcp) = router(&vehicle.place, None, "127.0.0.1", &[]);
+    beside.fresh();
+    let speed = stays_bounded(&beside, 100);
+    assert!(speed < 0.6, "{speed} m/s two seconds after the router came back");
+    until_status(&beside, "tracking");
+    travels(&beside);
+
+    // The listener lost the router as well, and yet has every event, those of its absence included.
+    let mut events = Events::default();
+    told.until("the events of the outage", |key, value| {
+        events.enter(key, value);
+        events.outages() >= 1
+    });
+    told.during(Duration::from_millis(700), |key, value| _ = events.enter(key, value));
+    events.are_complete(&["estimator", "guidance", "controller"]);
+}
+
+#[test]
+fn the_deadman_acts_within_its_time() {
+    let mut vehicle = Vehicle::start(None, "127.0.0.1");
+    vehicle.serve("guidance", None);
+    let beside = vehicle.listen().listen("telemetry/guidance");
+    let reason = |wanted: &'static str| {
+        move |key: &str, value: &Value| key == "telemetry/guidance" && label(value, "guidance/reason") == wanted
+    };
+    beside.until("guidance to be up", reason("commanded"));
+    let mut pilot = beside.client("pilot");
+    pilot.acquire(30.0).expect("is granted");
+    let mut let_go = beside.clock.now();
+    for sample in 0..20 {
+        let_go = beside.clock.now();
+        pilot.stream("speed_m_per_s", Some(0.1 + 0.001 * f64::from(sample))).expect("is sent");
+        (0..3).for_each(|_| beside.fresh());
+    }
+    let (now, _) = beside.until("telemetry", |key, _| key == "telemetry/guidance");
+    assert_eq!(label(&now, "guidance/reason"), "commanded", "while the stream runs");
+    let speed = now["data"]["signals"]["guidance/reference/setpoint"][1].as_f64().expect("a speed");
+    assert!((0.115..0.12).contains(&speed), "the stream's last value but for its delay: {speed}");
+    let (_, held) = beside.until("the deadman", reason("operator_lost"));
+    let took = held.saturating_sub(let_go);
+    assert!((500..1500).contains(&took.as_millis()), "half a second of patience, took {took:?}");
+    pilot.stream("speed_m_per_s", Some(0.2)).expect("is sent");
+    beside.until("the operator to be back", reason("commanded"));
+    pilot.stream("speed_m_per_s", None).expect("is sent");
+    beside.during(Duration::from_millis(800), |key, value| {
+        assert!(!reason("operator_lost")(key, value), "a stream that was ended needs no hand");
+    });
+    // A lease that runs out without being given back is an operator who is lost.
+    let mut other = beside.client("other");
+    assert!(other.acquire(5.0).expect_err("pilot has it").to_string().contains("pilot holds the authority"));
+    pilot.lease(LeaseAction::Renew, 0.5).expect("is renewed");
+    let (_, lost) = beside.until("the lease to run out", reason("operator_lost"));
+    other.acquire(5.0).expect("nobody has it any more");
+    beside.until("an operator again", reason("commanded"));
+    assert!(lost > held);
+    assert!(other.command("guidance", "depth_m", json!(99.0), None).expect_err("too deep").to_string().contains("99"));
+}
+
+#[test]
+fn an_emergency_outlives_its_controller_and_a_lease_that_dies_with_it_makes_the_vehicle_hold() {
+    let mut vehicle = Vehicle::start(None, "127.0.0.1");
+    vehicle.serve("guidance", None);
+    let beside = vehicle.listen().listen("telemetry/controller").listen("telemetry/guidance");
+    until_status(&beside, "tracking");
+    beside.client("passer-by").command("controller", "neutral", json!(true), None).expect("needs no authority");
+    until_status(&beside, "emergency_neutral");
+
+    let (last, _) = beside.until("telemetry", |key, _| key == "telemetry/controller");
+    vehicle.restart("controller");
+    let mut steps = 0;
+    beside.until("fifty steps of the new controller", |key, value| {
+        if key == "telemetry/controller" && value["source"] != last["source"] {
+            let forces = value["data"]["signals"]["controller/thrust/force"].as_array().expect("forces");
+            assert!(forces.iter().all(|force| force.as_f64() == Some(0.0)), "no force at step {steps}: {forces:?}");
+            assert_eq!(label(value, "controller/status"), "emergency_neutral");
+            steps += 1;
+        }
+        steps == 50
+    });
+    let mut pilot = beside.client("pilot");
+    pilot.acquire(30.0).expect("is granted");
+    pilot.command("controller", "neutral", json!(false), None).expect("the holder may end it");
+    until_status(&beside, "tracking");
+
+    vehicle.restart("controller");
+    let reason = |wanted: &'static str| {
+        move |key: &str, value: &Value| key == "telemetry/guidance" && label(value, "guidance/reason") == wanted
+    };
+    beside.until("guidance to miss the operator", reason("operator_lost"));
+    pilot.acquire(30.0).expect("the new controller knows of no lease");
+    beside.until("the operator to be back", reason("commanded"));
+}
