@@ -1,5 +1,7 @@
 //! A run as it is heard, gathered in columns and handed to the file batch by batch.
 
+mod batch;
+
 use crate::chunks::{Clocks, Problem, Rows, Times, columns, fixed, nanos, text};
 use crate::derived::Derived;
 use crate::late_rows::LateRows;
@@ -8,6 +10,7 @@ use crate::scene::Scene;
 use crate::text_and_byte_rows::TextAndByteRows;
 use crate::writer::{Job, Writer};
 use crate::{blueprint, event, read, style};
+use batch::{Column, Slots, Track, times_of};
 use rerun::external::arrow::array::{Float64Array, UInt64Array};
 use rerun::external::re_log_encoding::EncodingOptions;
 use rerun::external::re_log_types::{SetStoreInfo, StoreInfo, StoreSource};
@@ -478,187 +481,5 @@ pub(crate) fn properties(group: &str, properties: &Properties) -> Result<Option<
     Ok(Some(Job::Chunk(fixed(entity, &values)?)))
 }
 
-fn times_of(every: &Times, rows: &[u32]) -> Times {
-    let all = rows.len() == every.len() && rows.iter().enumerate().all(|(i, &row)| i as u32 == row);
-    if all { every.clone() } else { every.select(rows) }
-}
-
-/// Values of one signal in this batch.
-struct Column {
-    entity: EntityPath,
-    width: usize,
-    /// Places in the batch's ticks.
-    rows: Vec<u32>,
-    values: Vec<f64>,
-    /// Names and colours are in the file.
-    described: bool,
-}
-
-impl Column {
-    fn new(signal: &Signal, width: usize, room: usize) -> Self {
-        Self {
-            entity: EntityPath::from(signal.path),
-            width,
-            rows: Vec::with_capacity(room),
-            values: Vec::with_capacity(room * width),
-            described: false,
-        }
-    }
-}
-
-/// Changes of one label in this batch.
-struct Track {
-    entity: EntityPath,
-    last: Option<&'static str>,
-    /// Places in the batch's ticks.
-    rows: Vec<u32>,
-    changes: Vec<&'static str>,
-    /// Every value so far, in the order of appearance.
-    known: Vec<&'static str>,
-    /// How many of them have their colour in the file.
-    described: usize,
-}
-
-impl Track {
-    fn new(signal: &Signal) -> Self {
-        Self {
-            entity: EntityPath::from(signal.path),
-            last: None,
-            rows: Vec::new(),
-            changes: Vec::new(),
-            known: Vec::new(),
-            described: 0,
-        }
-    }
-}
-
-/// Signals in the order in which they are shown.
-///
-/// Signals are told apart by address, and each is looked for where the last one was found: in the steady state the
-/// first comparison hits, without any hashing of names.
-struct Slots<T> {
-    slots: Vec<(&'static Signal, T)>,
-    cursor: usize,
-}
-
-impl<T> Default for Slots<T> {
-    fn default() -> Self {
-        Self { slots: Vec::new(), cursor: 0 }
-    }
-}
-
-impl<T> Slots<T> {
-    #[inline]
-    fn find(&mut self, signal: &'static Signal) -> Option<usize> {
-        let is_it = |slot: &(&'static Signal, T)| std::ptr::eq(slot.0, signal);
-        let (before, after) = self.slots.split_at(self.cursor);
-        let at = match after.iter().position(is_it) {
-            Some(ahead) => self.cursor + ahead,
-            None => before.iter().position(is_it)?,
-        };
-        self.cursor = at + 1;
-        Some(at)
-    }
-
-    fn insert(&mut self, signal: &'static Signal, value: T) -> usize {
-        let at = self.cursor;
-        self.slots.insert(at, (signal, value));
-        self.cursor = at + 1;
-        at
-    }
-}
-
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    static A: Signal = Signal { path: "test/a", components: &["x", "y"], units: &["m"], about: "" };
-    static B: Signal = Signal { path: "test/b", components: &[], units: &["m"], about: "" };
-    static C: Signal = Signal { path: "test/c", components: &[], units: &["m"], about: "" };
-
-    /// A disk with little room.
-    struct Small(usize);
-
-    impl Write for Small {
-        fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-            if bytes.len() > self.0 {
-                return Err(io::ErrorKind::StorageFull.into());
-            }
-            self.0 -= bytes.len();
-            Ok(bytes.len())
-        }
-        fn flush(&mut self) -> io::Result<()> {
-            Ok(())
-        }
-    }
-
-    fn onto(target: Small, batch_ticks: usize) -> RerunSink {
-        RerunSink::onto(Target::File(Box::new(target)), "disk", Options { batch_ticks, ..Default::default() })
-    }
-
-    fn run(mut sink: RerunSink, ticks: u64) -> Result<(), SinkError> {
-        sink.begin(&RunHeader { name: "run".to_owned(), ..Default::default() })?;
-        for k in 0..ticks {
-            sink.tick(Tick { k, dt_s: 0.02 })?;
-            sink.vector(&A, &[k as f64, 0.5]);
-        }
-        sink.finish(&Properties::new())
-    }
-
-    #[test]
-    fn a_full_disk_is_an_error_wherever_it_gets_full() {
-        let enough = 10_000_000;
-        run(onto(Small(enough), 100), 5000).unwrap();
-        // From the first byte over the blueprint and the columns to the footer.
-        for room in [0, 8, 20_000, 100_000, 200_000] {
-            let error = run(onto(Small(room), 100), 5000).unwrap_err();
-            assert_eq!(error.what, "disk", "{room}");
-            assert!(error.cause.contains("no storage space"), "{room}: {error}");
-        }
-    }
-
-    #[test]
-    fn a_full_disk_is_heard_before_the_end_of_a_long_run() {
-        let mut sink = onto(Small(2_000_000), 10);
-        sink.begin(&RunHeader { name: "run".to_owned(), ..Default::default() }).unwrap();
-        let stopped = (0..1_000_000).find(|&k| {
-            let refused = sink.tick(Tick { k, dt_s: 0.02 }).is_err();
-            sink.vector(&A, &[k as f64, 0.5]);
-            refused
-        });
-        assert!(stopped.is_some());
-        assert!(sink.finish(&Properties::new()).is_err());
-    }
-
-    #[test]
-    fn signals_are_found_in_any_order_and_new_ones_get_their_place() {
-        let mut slots = Slots::default();
-        assert_eq!(slots.find(&A), None);
-        slots.insert(&A, 'a');
-        slots.insert(&C, 'c');
-        slots.cursor = 0;
-        assert_eq!(slots.find(&A), Some(0));
-        assert_eq!(slots.find(&B), None);
-        slots.insert(&B, 'b');
-        assert_eq!(slots.slots.iter().map(|slot| slot.1).collect::<String>(), "abc");
-        assert_eq!(slots.find(&C), Some(2));
-        assert_eq!(slots.find(&B), Some(1));
-        assert_eq!(slots.find(&B), Some(1));
-    }
-
-    #[test]
-    fn only_signals_of_every_tick_share_their_times() {
-        let every = Times::new(vec![7, 8, 9], vec![70, 80, 90]);
-        let shared = |rows: &[u32]| std::ptr::eq(times_of(&every, rows).ticks(), every.ticks());
-        assert!(shared(&[0, 1, 2]));
-        assert!(!shared(&[0, 2]));
-        assert!(!shared(&[0, 2, 2]));
-        assert_eq!(times_of(&every, &[0, 2, 2]).ticks(), [7, 9, 9]);
-    }
-
-    #[test]
-    fn times_are_rounded_once() {
-        assert_eq!(nanos(Tick { k: 3, dt_s: 0.02 }), 60_000_000);
-        assert_eq!(nanos(Tick { k: 1_000_000_007, dt_s: 0.02 }), 20_000_000_140_000_000);
-    }
-}
+mod tests;
