@@ -8,16 +8,6 @@ use super::{root, sources};
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::fs;
 
-/// Files that are still to be split.
-const STILL_LONG: [&str; 6] = [
-    "crates/supertwin-rerun/src/sink.rs",
-    "tests/access.rs",
-    "tests/compare.rs",
-    "tests/dashboards.rs",
-    "tests/network.rs",
-    "tests/recorder.rs",
-];
-
 /// Most lines of a file that gives no reason.
 const MOST_LINES: usize = 500;
 
@@ -214,10 +204,6 @@ fn a_long_file_says_why_it_is_not_several() {
         let text = fs::read_to_string(path).unwrap();
         let lines = text.lines().count();
         let reason = text.lines().take(40).any(|line| line.starts_with(REASON) && line.len() > REASON.len() + 20);
-        let excepted = STILL_LONG.contains(&path.strip_prefix(root()).unwrap().to_str().unwrap());
-        let long = lines > MOST_LINES;
-        assert_eq!(long, reason || excepted, "{}: {lines} lines; a line {REASON}…: {reason}", path.display());
+        assert_eq!(lines > MOST_LINES, reason, "{}: {lines} lines; a line {REASON}…: {reason}", path.display());
     }
-    let gone = STILL_LONG.iter().find(|file| !root().join(file).exists());
-    assert_eq!(gone, None, "is excepted and does not exist");
 }
