@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::command::{PlantCommand, Setpoint};
+use crate::signal::controller::SIGMA;
 use std::collections::BTreeSet;
 
 fn depth(seq: Option<u64>) -> EventCommand {
@@ -89,11 +90,11 @@ fn every_kind() -> Vec<(EventKind, &'static str)> {
         ),
         (EventKind::SourceChanged { from: owned("a-1"), to: owned("a-2") }, "a-2 takes over from a-1"),
         (
-            EventKind::NotFinite { at_tick: 5, signal: "controller/sigma".into(), so_far: None },
+            EventKind::NotFinite { at_tick: 5, signal: SIGMA.path.into(), so_far: None },
             "tick 5: controller/sigma is NaN or infinite",
         ),
         (
-            EventKind::NotFinite { at_tick: 5, signal: "controller/sigma".into(), so_far: Some(1) },
+            EventKind::NotFinite { at_tick: 5, signal: SIGMA.path.into(), so_far: Some(1) },
             "refused: tick 5: controller/sigma is NaN or infinite; not sent (1 so far)",
         ),
         (EventKind::TicksLeftOut { ticks: 90 }, "stopped for too long: 90 ticks are left out"),

@@ -291,6 +291,7 @@ mod tests {
             now += Duration::from_millis(20 * k);
         }
         recording.tick(Tick { k: 40, dt_s: 0.02 }, Clocks::default(), now);
+        recording.vector(&DEPTH, &[1.0]);
         recording.save(now);
         assert_eq!(read(&folder.path().join("run.rrd")).expect("is read").last_tick(), Some(40), "at once");
     }
