@@ -116,7 +116,7 @@ fn forward(mut from: TcpStream, mut to: TcpStream, state: Arc<ProxyState>) {
     });
     std::thread::spawn(move || {
         for (due, bytes) in receive {
-            // The delay itself, not a wait for something.
+            #[expect(clippy::disallowed_methods, reason = "the delay of the link itself, not a wait for something")]
             std::thread::sleep(due.saturating_sub(state.clock.now()));
             if to.write_all(&bytes).is_err() {
                 break;

@@ -12,6 +12,9 @@ use supertwin_lab::{Library, Scores, rescore};
 use supertwin_protocol::decode;
 use supertwin_rerun::{Options, Recording, RerunSink, read_selected};
 
+/// How many messages of a recording can't be read, and why the first can't.
+pub type RejectedMessages = (usize, String);
+
 /// What replaces the recorded configuration.
 ///
 /// # Errors
@@ -74,7 +77,7 @@ impl Source {
     ///
     /// # Errors
     /// The recording does not have what a replay needs.
-    pub fn replay(&self) -> Result<(Replay<'_, Recording>, Option<(usize, String)>), OperationError> {
+    pub fn replay(&self) -> Result<(Replay<'_, Recording>, Option<RejectedMessages>), OperationError> {
         let (messages, rejected) = messages(&self.recording);
         let replay = Replay::new(&self.recording, messages).map_err(|error| at(&self.file, error))?;
         Ok((replay, rejected))
@@ -148,7 +151,7 @@ impl Source {
 }
 
 /// The exact messages of a recording; how many can't be read, which is as good as not recorded, and the first reason.
-fn messages(recording: &Recording) -> (Messages, Option<(usize, String)>) {
+fn messages(recording: &Recording) -> (Messages, Option<RejectedMessages>) {
     let mut messages = Messages::default();
     let mut rejected = Vec::new();
     read_wire::<Measurements>(recording, &mut messages, &mut rejected);
