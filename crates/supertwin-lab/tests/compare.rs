@@ -192,7 +192,8 @@ fn what_can_not_be_compared_says_why() {
     let mut bad = kept.clone();
     bad.signals.get_mut(signal::thrust::REQUESTED.path).expect("is recorded").values[4 * 1100 + 2] = f64::NAN;
     let error = evaluate(&bad, &own(&bad), &Selection::default()).expect_err("is no number").to_string();
-    assert_eq!(error, "paper-pid-seed1: controller/thrust/requested is not finite at tick 1100");
+    let path = signal::thrust::REQUESTED.path;
+    assert_eq!(error, format!("paper-pid-seed1: {path} is not finite at tick 1100"));
     // Outside of the window it does not matter.
     let later = Grid::new(0, 0.02, Window { from_s: 23.0, to_s: 25.0 }, 0.02);
     assert_eq!(evaluate(&bad, &later, &Selection::default()).expect("is evaluated").moments, 100);

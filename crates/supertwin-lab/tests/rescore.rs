@@ -101,7 +101,8 @@ fn what_can_not_be_scored_says_why() {
     let mut real = kept.clone();
     real.signals.remove(signal::truth::POSE.path);
     let error = rescore(&real).expect_err("a real vehicle has no truth").to_string();
-    assert_eq!(error, "paper-pid-seed1: plant/truth/pose was not recorded: scores need it");
+    let path = signal::truth::POSE.path;
+    assert_eq!(error, format!("paper-pid-seed1: {path} was not recorded: scores need it"));
     let mut bare = kept.clone();
     bare.properties.clear();
     assert!(matches!(rescore(&bare), Err(RescoreError::Property { name: "tick_s", .. })));
