@@ -28,7 +28,7 @@ use views::Canvas;
 pub use views::{Curves, View};
 
 /// All dashboards, in the order of the tabs.
-pub static DASHBOARDS: [&Description; 7] = [
+pub static DASHBOARDS: &[&Description] = &[
     &overview::DASHBOARD,
     &tracking::DASHBOARD,
     &adaptation::DASHBOARD,

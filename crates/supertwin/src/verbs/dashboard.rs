@@ -113,8 +113,8 @@ fn chosen(names: &[String]) -> Result<Vec<&'static Description>, OperationError>
         return Ok(DASHBOARDS.to_vec());
     }
     let named = |name: &String| {
-        let all = DASHBOARDS.map(|described| described.name).join(", ");
-        let found = DASHBOARDS.into_iter().find(|described| described.name == name);
+        let all = DASHBOARDS.iter().map(|described| described.name).collect::<Vec<_>>().join(", ");
+        let found = DASHBOARDS.iter().copied().find(|described| described.name == name);
         found.ok_or_else(|| OperationError::Option(format!("{name}: is no dashboard; there are {all}")))
     };
     names.iter().map(named).collect()
