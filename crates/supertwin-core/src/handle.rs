@@ -128,6 +128,7 @@ macro_rules! signals {
             };
         )*
         /// All signals that are declared here.
+        #[allow(dead_code, reason = "a law that has signals for itself alone lists them nowhere")]
         $visibility static SIGNALS: &[&$crate::Signal] = &[$(&$name),*];
     };
 }
@@ -148,4 +149,17 @@ macro_rules! renamed {
     () => {
         "renamed_"
     };
+}
+
+#[cfg(test)]
+mod tests {
+    // Without a visibility, as in the file of a control law.
+    crate::signals! { below "controller/":
+        OWN "own" &["surge", "sway"], &["N"], "signal that one law shows";
+    }
+
+    #[test]
+    fn a_signal_may_be_private_to_its_file() {
+        assert_eq!((OWN.service(), OWN.width(), OWN.unit(1)), ("controller", 2, "N"));
+    }
 }
