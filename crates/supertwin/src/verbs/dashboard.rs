@@ -97,10 +97,11 @@ pub(crate) fn dashboard(arguments: &DashboardArguments) -> Result<ExitCode, Oper
             .map_err(|cause| OperationError::Option(format!("the list can't be written as JSON: {cause}")))?;
         terminal::print(&text);
     } else {
+        let width = 2 + DASHBOARDS.iter().map(|described| described.name.len()).max().unwrap_or_default();
         for one in &listed {
             terminal::print(&match &one.file {
                 Some(file) => file.display().to_string(),
-                None => format!("{:12}{}", one.name, one.about),
+                None => format!("{:width$}{}", one.name, one.about),
             });
         }
     }
