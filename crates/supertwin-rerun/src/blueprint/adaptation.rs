@@ -20,7 +20,7 @@ fn views(canvas: &mut Canvas) -> ContainerLike {
     if canvas.about.has(Capability::SlidingVariable) {
         kinds.push(super_twisting(canvas));
     }
-    if canvas.about.has(Capability::Integral) {
+    if canvas.about.has(Capability::Integral) || canvas.about.plain_law {
         kinds.push(pid(canvas));
     }
     if canvas.about.network && canvas.about.capabilities.contains(&Capability::External) {
@@ -62,15 +62,20 @@ fn super_twisting(canvas: &mut Canvas) -> ContainerLike {
     Vertical::new(rows).with_row_shares([0.9, 1.2, 1.0]).with_name(name).into()
 }
 
-/// A PID has no sliding variable and its gains do not move: its error, its integral, and what comes of them.
+/// A PID has no sliding variable and its gains do not move: its error, its integral if it has one, and what comes of them.
 fn pid(canvas: &mut Canvas) -> ContainerLike {
     let errors = [("Surge", "surge"), ("Sway", "sway"), ("Depth", "heave"), ("Heading", "yaw")]
         .map(|(title, axis)| canvas.component(&format!("{title} error"), controller::ERROR.at(axis)));
+    let integral = canvas.about.has(Capability::Integral);
     let mut wide = |name: &str, signal| canvas.signal(name, signal, Legend::Beside(0.2));
-    let integral = [wide("Error integral", &controller::INTEGRAL), wide("Velocity error", &controller::VELOCITY_ERROR)];
+    let mut second = Vec::new();
+    if integral {
+        second.push(wide("Error integral", &controller::INTEGRAL));
+    }
+    second.push(wide("Velocity error", &controller::VELOCITY_ERROR));
     let wrench =
         [wide("Requested wrench", &thrust::REQUESTED), wide("Chattering: wrench variation", &signals::CHATTERING)];
-    let rows = [Horizontal::new(errors).into(), Horizontal::new(integral).into(), Horizontal::new(wrench).into()];
+    let rows = [Horizontal::new(errors).into(), Horizontal::new(second).into(), Horizontal::new(wrench).into()];
     let name = if canvas.about.has(Capability::SlidingVariable) { "Adaptation: PID" } else { "Adaptation" };
     Vertical::new(rows).with_row_shares([0.9, 1.0, 1.0]).with_name(name).into()
 }

@@ -79,6 +79,8 @@ pub struct About {
     pub from_s: f64,
     /// What laws that come to command show; when none is known, everything is drawn.
     pub capabilities: Vec<Capability>,
+    /// The laws that come to command are known, and have none of the capabilities.
+    pub plain_law: bool,
     /// How many thrusters there are; 0 when that is not known.
     pub thrusters: usize,
     /// The services talked over a network.
@@ -95,18 +97,20 @@ impl About {
             _ => Vec::new(),
         };
         let capabilities = words("capabilities").iter().filter_map(|name| Capability::named(name)).collect();
+        let plain_law = matches!(properties.get("capabilities"), Some(Property::Text(text)) if text.is_empty());
         let network =
             words("placement").first().is_some_and(|placement| !["batch", "replay"].contains(&placement.as_str()));
         let span_s = match properties.get("duration_s") {
             Some(Property::Number(span_s)) => Some(*span_s),
             _ => None,
         };
-        Self { span_s, from_s: 0.0, capabilities, thrusters: header.scene.thrusters.len(), network }
+        Self { span_s, from_s: 0.0, capabilities, plain_law, thrusters: header.scene.thrusters.len(), network }
     }
 
     /// Whether a law with this can have been in command. Who steers from outside says nothing of the vehicle's own law.
     fn has(&self, capability: Capability) -> bool {
-        self.capabilities.iter().all(|known| *known == Capability::External) || self.capabilities.contains(&capability)
+        let known = self.plain_law || self.capabilities.iter().any(|known| *known != Capability::External);
+        !known || self.capabilities.contains(&capability)
     }
 }
 
@@ -240,6 +244,8 @@ mod tests {
     fn what_is_known_of_a_run_comes_from_how_it_begins() {
         let mut header = RunHeader::default();
         assert_eq!(About::run(&header), About::default());
+        header.properties.insert("capabilities".to_owned(), "".into());
+        assert_eq!(About::run(&header), About { plain_law: true, ..About::default() });
         header.properties.insert("capabilities".to_owned(), "adaptive_gains integral".into());
         header.properties.insert("placement".to_owned(), "batch".into());
         header.properties.insert("duration_s".to_owned(), 30.0.into());
@@ -247,6 +253,15 @@ mod tests {
         assert_eq!(About::run(&header), About { span_s: Some(30.0), capabilities, ..About::default() });
         header.properties.insert("placement".to_owned(), "up".into());
         assert!(About::run(&header).network);
+    }
+
+    #[test]
+    fn a_law_without_capabilities_has_its_errors_and_nothing_that_it_does_not_show() {
+        let about = About { plain_law: true, ..About::default() };
+        let dashboard = Dashboard::named("adaptation", &about).unwrap();
+        let titles: Vec<&str> = dashboard.views().iter().map(|view| view.name.as_str()).collect();
+        assert!(titles.contains(&"Surge error [m/s]"), "{titles:?}");
+        assert!(titles.iter().all(|title| !["σ", "Gain", "integral"].iter().any(|word| title.contains(word))));
     }
 
     /// Titles of the views in a file.

@@ -74,8 +74,9 @@ fn own_laws() -> impl Iterator<Item = (&'static str, &'static [Capability])> {
 /// Lists dashboards, or writes their files.
 pub(crate) fn dashboard(arguments: &DashboardArguments) -> Result<ExitCode, OperationError> {
     let wanted = own_laws().filter(|(name, _)| arguments.law.iter().any(|law| law == name));
-    let capabilities = wanted.flat_map(|(_, capabilities)| capabilities).copied().collect();
-    let about = About { span_s: arguments.span, capabilities, network: true, ..About::default() };
+    let capabilities: Vec<_> = wanted.flat_map(|(_, capabilities)| capabilities).copied().collect();
+    let plain_law = !arguments.law.is_empty() && capabilities.is_empty();
+    let about = About { span_s: arguments.span, capabilities, plain_law, network: true, ..About::default() };
     let mut listed = Vec::new();
     for described in chosen(&arguments.names)? {
         let dashboard = described.dashboard(&about);
