@@ -7,7 +7,7 @@
 //! * [`Observe`], [`Probe`], [`Signal`]: a quantity shows itself once, and every listener hears it.
 //! * [`signal`]: every signal by its handle.
 //! * [`Event`]: what happened, as data for programs and as a sentence for people.
-//! * [`RunSink`] and [`RunSource`]: where a run is written to and read from, without naming a file format.
+//! * [`RunSink`] and [`RecordedRun`]: where a run is written to and what is read of it, without naming a file format.
 //!
 //! Conventions: SI units, radians, seconds; frame {n} is North-East-Down, frame {b} is forward-starboard-down.
 //!
@@ -18,7 +18,6 @@
 //!
 //! let now = Tick { k: 10, dt_s: 0.02 };
 //! let depth = Input::Held { value: 3.5, made_at: 7 };
-//! assert_eq!(depth.age_ticks(now), Some(3));
 //! assert_eq!(depth.within(now, 3), Some(3.5));
 //! assert_eq!(depth.within(now, 2), None); // too old where two ticks are allowed
 //! ```
@@ -62,6 +61,6 @@ pub use parameter::ParameterChange;
 pub use port::{Port, PortRule, Ports, Wired, Wires};
 pub use refusal::Refusal;
 pub use run::{NoSink, Property, RunHeader, RunSink, SinkError};
-pub use source::RunSource;
+pub use source::RecordedRun;
 pub use tick::Tick;
 pub use watch::Watch;

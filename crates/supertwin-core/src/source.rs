@@ -1,4 +1,4 @@
-//! Where a run is read from: the trait between whoever keeps a run and whoever scores, compares or repeats it.
+//! A run as it is read: between whoever reads a recording and whoever scores, compares or repeats it.
 
 use crate::run::Properties;
 use crate::{Event, Signal};
@@ -13,9 +13,9 @@ pub struct Columns {
     pub tick: Vec<i64>,
     /// Time of every row in nanoseconds since the start of the run.
     pub time_ns: Vec<i64>,
-    /// Values per row.
+    /// Number of values in a row.
     pub width: usize,
-    /// Row by row.
+    /// Values of all rows, one row after the other.
     pub values: Vec<f64>,
     /// Further clocks of every row by name, in nanoseconds since 1970; none in a batch run.
     pub clocks: BTreeMap<String, Vec<Option<i64>>>,
@@ -70,53 +70,16 @@ pub struct WireMessage {
     pub time_ns: i64,
     /// Further clocks by name, in nanoseconds since 1970.
     pub clocks: BTreeMap<String, i64>,
-    /// Its bytes.
+    /// Payload as it was sent.
     pub bytes: Vec<u8>,
 }
 
-/// A run that was kept.
-pub trait RunSource {
-    /// Name of the run; empty when not even that is left.
-    fn name(&self) -> &str;
-    /// Properties by group: `run` from the beginning, `result` from the end.
-    fn properties(&self) -> &BTreeMap<String, Properties>;
-    /// Numbers by path of the signal.
-    fn signals(&self) -> &BTreeMap<String, Columns>;
-    /// Changes of labels by path of the signal, in order of time.
-    fn labels(&self) -> &BTreeMap<String, Vec<Label>>;
-    /// Numbers of `signal`, if it was recorded.
-    fn signal(&self, signal: &Signal) -> Option<&Columns> {
-        self.signals().get(signal.path)
-    }
-    /// Changes of the label `signal`, in order of time; empty when it was not recorded.
-    fn label(&self, signal: &Signal) -> &[Label] {
-        self.labels().get(signal.path).map_or(&[], Vec::as_slice)
-    }
-    /// What happened, in order of time.
-    fn events(&self) -> &[Event];
-    /// Commands that applied, as JSON, by service and in order of time; only a run over a network records them.
-    fn commands(&self) -> &BTreeMap<String, Vec<Label>>;
-    /// Whatever was recorded is there.
-    fn is_complete(&self) -> bool;
-    /// Words at a path, in order of time: the account of each step at `step/<service>`, states at
-    /// `state/<service>/<name>`; only a run over a network records them.
-    fn words(&self, path: &str) -> &[Label] {
-        let _ = path;
-        &[]
-    }
-    /// The exact messages of the wire `key`, in order of time; only a run over a network records them.
-    fn wire(&self, key: &str) -> &[WireMessage] {
-        let _ = key;
-        &[]
-    }
-}
-
-/// A run that is kept in memory, complete.
+/// A run that was recorded, whatever it was read from.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Kept {
-    /// Name of the run.
+pub struct RecordedRun {
+    /// Name of the run; empty when not even that is left.
     pub name: String,
-    /// Properties by group.
+    /// Properties by group: `run` from the beginning, `result` from the end.
     pub properties: BTreeMap<String, Properties>,
     /// Numbers by path of the signal.
     pub signals: BTreeMap<String, Columns>,
@@ -124,36 +87,38 @@ pub struct Kept {
     pub labels: BTreeMap<String, Vec<Label>>,
     /// What happened, in order of time.
     pub events: Vec<Event>,
-    /// Commands that applied, as JSON, by service.
+    /// Commands that applied, as JSON, by service and in order of time; only a run over a network records them.
     pub commands: BTreeMap<String, Vec<Label>>,
-    /// Words by path.
+    /// The exact messages of wires by key, in order of time; only a run over a network records them.
+    pub wires: BTreeMap<String, Vec<WireMessage>>,
+    /// Words by path, in order of time: the account of each step at `step/<service>`, states at
+    /// `state/<service>/<name>`; only a run over a network records them.
     pub words: BTreeMap<String, Vec<Label>>,
 }
 
-impl RunSource for Kept {
-    fn name(&self) -> &str {
-        &self.name
+impl RecordedRun {
+    /// Numbers of `signal`, if it was recorded.
+    #[must_use]
+    pub fn signal(&self, signal: &Signal) -> Option<&Columns> {
+        self.signals.get(signal.path)
     }
-    fn properties(&self) -> &BTreeMap<String, Properties> {
-        &self.properties
+
+    /// Changes of the label `signal`; empty when it was not recorded.
+    #[must_use]
+    pub fn label(&self, signal: &Signal) -> &[Label] {
+        self.labels.get(signal.path).map_or(&[], Vec::as_slice)
     }
-    fn signals(&self) -> &BTreeMap<String, Columns> {
-        &self.signals
-    }
-    fn labels(&self) -> &BTreeMap<String, Vec<Label>> {
-        &self.labels
-    }
-    fn events(&self) -> &[Event] {
-        &self.events
-    }
-    fn commands(&self) -> &BTreeMap<String, Vec<Label>> {
-        &self.commands
-    }
-    fn is_complete(&self) -> bool {
-        true
-    }
-    fn words(&self, path: &str) -> &[Label] {
+
+    /// Words at a path; empty when there are none.
+    #[must_use]
+    pub fn words(&self, path: &str) -> &[Label] {
         self.words.get(path).map_or(&[], Vec::as_slice)
+    }
+
+    /// Messages of the wire `key`; empty when it was not recorded.
+    #[must_use]
+    pub fn wire(&self, key: &str) -> &[WireMessage] {
+        self.wires.get(key).map_or(&[], Vec::as_slice)
     }
 }
 

@@ -6,7 +6,7 @@ use std::str::FromStr;
 use supertwin_core::message::Mode;
 use supertwin_core::signal::Component;
 use supertwin_core::signal::reference::{MODE, SETPOINT};
-use supertwin_core::{Event, EventKind, RunSource};
+use supertwin_core::{Event, EventKind, RecordedRun};
 
 /// Its sign is the direction of travel.
 const SPEED: Component = SETPOINT.at("speed");
@@ -73,7 +73,7 @@ impl Alignment {
     ///
     /// # Errors
     /// What was looked for and is not there.
-    pub fn find(&self, source: &impl RunSource) -> Result<i64, String> {
+    pub fn find(&self, source: &RecordedRun) -> Result<i64, String> {
         match self {
             Self::Start => Ok(0),
             Self::Following => {
@@ -82,10 +82,10 @@ impl Alignment {
             }
             Self::Reversed => reversed(source).ok_or_else(|| "its direction is never reversed".to_owned()),
             Self::Fault => {
-                let commanded = source.commands().get("plant").and_then(|commands| commands.first());
+                let commanded = source.commands.get("plant").and_then(|commands| commands.first());
                 // A batch run has its commands among the events.
                 let of_mission = source
-                    .events()
+                    .events
                     .iter()
                     .find(|event| matches!(&event.what, EventKind::CommandApplied { command } if command.is_fault()));
                 let ticks = commanded.map(|command| command.tick).into_iter();
@@ -94,7 +94,7 @@ impl Alignment {
             }
             Self::Event(pattern) => {
                 let fits = |event: &&Event| contains(&format!("{}: {}", event.service, event.what), pattern);
-                let event = source.events().iter().find(fits);
+                let event = source.events.iter().find(fits);
                 event.map(|event| event.tick as i64).ok_or_else(|| format!("none of its events contains {pattern:?}"))
             }
         }
@@ -102,7 +102,7 @@ impl Alignment {
 }
 
 /// The first tick at which the wanted speed has the other sign than the last that was not zero.
-fn reversed(source: &impl RunSource) -> Option<i64> {
+fn reversed(source: &RecordedRun) -> Option<i64> {
     let columns = source.signal(&SETPOINT).filter(|columns| columns.width == SETPOINT.width())?;
     let mut before = 0.0;
     for (row, tick) in columns.values.chunks_exact(columns.width).zip(&columns.tick) {

@@ -8,7 +8,7 @@
 //! * [`mod@run`]: a seeded run from start to scores, into any [`supertwin_core::RunSink`].
 //! * [`sweep`]: campaigns, as lists of such runs.
 //! * [`replay`]: recorded inputs into the blocks again, as they were or with other parameters.
-//! * [`mod@rescore`]: the same scores from any [`supertwin_core::RunSource`].
+//! * [`mod@rescore`]: the same scores from any [`supertwin_core::RecordedRun`].
 //! * [`align`], [`metrics`], [`statistics`], [`limits`]: runs beside each other, what they are compared by, what several
 //!   seeds allow to say, and which runs pass.
 //!

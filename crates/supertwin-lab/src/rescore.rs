@@ -9,7 +9,7 @@ use supertwin_core::command::{Command, ControllerCommand};
 use supertwin_core::message::{Nav, Reference, SignalValues, Thrust, Truth};
 use supertwin_core::run::Properties;
 use supertwin_core::source::{Columns, Label};
-use supertwin_core::{Block, Property, RunSource, Signal, Tick, Wrench, signal};
+use supertwin_core::{Block, Property, RecordedRun, Signal, Tick, Wrench, signal};
 use supertwin_gnc::Controller;
 use supertwin_gnc::control::{Law, LawSample};
 
@@ -95,7 +95,7 @@ pub enum RescoreError {
 ///
 /// # Errors
 /// When the recording lacks a signal altogether, or its properties do not say what was run.
-pub fn rescore(source: &impl RunSource) -> Result<Rescored, RescoreError> {
+pub fn rescore(source: &RecordedRun) -> Result<Rescored, RescoreError> {
     let mut reader = SampleReader::new(source, true)?;
     let tick_s = reader.tick_s;
     let from = Tick::at_or_after(number(source, "score_from_s")?, tick_s);
@@ -121,10 +121,10 @@ pub fn rescore(source: &impl RunSource) -> Result<Rescored, RescoreError> {
 }
 
 /// A property of the run that is a number.
-pub(crate) fn number(source: &impl RunSource, name: &'static str) -> Result<f64, RescoreError> {
-    match source.properties().get("run").and_then(|properties| properties.get(name)) {
+pub(crate) fn number(source: &RecordedRun, name: &'static str) -> Result<f64, RescoreError> {
+    match source.properties.get("run").and_then(|properties| properties.get(name)) {
         Some(Property::Number(number)) => Ok(*number),
-        _ => Err(RescoreError::Property { run: source.name().to_owned(), name }),
+        _ => Err(RescoreError::Property { run: source.name.clone(), name }),
     }
 }
 
@@ -141,8 +141,8 @@ pub(crate) struct Sample {
 }
 
 /// A recording tick by tick, forwards.
-pub(crate) struct SampleReader<'a, S> {
-    source: &'a S,
+pub(crate) struct SampleReader<'a> {
+    source: &'a RecordedRun,
     pub(crate) tick_s: f64,
     cursors: Vec<(&'static Signal, Cursor<'a>)>,
     has_truth: bool,
@@ -150,14 +150,14 @@ pub(crate) struct SampleReader<'a, S> {
     law: LawAtWork<'a>,
 }
 
-impl<'a, S: RunSource> SampleReader<'a, S> {
+impl<'a> SampleReader<'a> {
     /// From the beginning. Without `truth`, a run that has none can be walked along as well.
-    pub(crate) fn new(source: &'a S, truth: bool) -> Result<Self, RescoreError> {
-        let run = || source.name().to_owned();
+    pub(crate) fn new(source: &'a RecordedRun, truth: bool) -> Result<Self, RescoreError> {
+        let run = || source.name.clone();
         let tick_s = number(source, "tick_s")?;
         let empty = Properties::new();
-        let properties = source.properties().get("run").unwrap_or(&empty);
-        let place = format!("{}: property config", source.name());
+        let properties = source.properties.get("run").unwrap_or(&empty);
+        let place = format!("{}: property config", source.name);
         let law = LawAtWork::new(source, &ResolvedTrial::from_properties(properties, &place)?)?;
         let recorded = |signal| source.signal(signal).filter(|columns| !columns.tick.is_empty());
         let [mut needed, of_truth] = needed();
@@ -266,33 +266,33 @@ struct LawAtWork<'a> {
 }
 
 impl<'a> LawAtWork<'a> {
-    fn new(source: &'a impl RunSource, trial: &ResolvedTrial) -> Result<Self, RescoreError> {
+    fn new(source: &'a RecordedRun, trial: &ResolvedTrial) -> Result<Self, RescoreError> {
         let law = &signal::controller::LAW;
         let names = source.label(law);
         if names.is_empty() {
-            return Err(RescoreError::Signal { run: source.name().to_owned(), path: law.path });
+            return Err(RescoreError::Signal { run: source.name.clone(), path: law.path });
         }
         // What a controller's parameters are does not depend on the seed.
         let controller = Blocks::new(trial, trial.trial.seed)?.controller;
         // Over a network the mission may have been left out; whatever applied was recorded. A replay has it as its mission.
-        let placement = source.properties().get("run").and_then(|run| run.get("placement"));
+        let placement = source.properties.get("run").and_then(|run| run.get("placement"));
         let batch = placement.is_none_or(|placement| ["batch", "replay"].map(Property::from).contains(placement));
         let mission = batch.then(|| Mission::new(&trial.trial.mission, trial.trial.tick_s.get()));
         Ok(Self { names, named: 0, controller, mission, command: 0 })
     }
 
-    fn apply_until(&mut self, source: &impl RunSource, tick: Tick) -> Result<(), RescoreError> {
+    fn apply_until(&mut self, source: &RecordedRun, tick: Tick) -> Result<(), RescoreError> {
         // What the controller refuses it refused in the run as well: its reasons are parameters only.
         while let Some(command) = self.mission.as_mut().and_then(|mission| mission.due(tick)) {
             if let Command::Controller(command) = command {
                 drop(self.controller.command(tick, command));
             }
         }
-        let commands = source.commands().get(Controller::NAME).map_or(&[][..], Vec::as_slice);
+        let commands = source.commands.get(Controller::NAME).map_or(&[][..], Vec::as_slice);
         while let Some(label) = commands.get(self.command).filter(|label| label.tick <= tick.k as i64) {
             self.command += 1;
             let command: ControllerCommand = serde_json::from_str(&label.value).map_err(|cause| {
-                RescoreError::Command { run: source.name().to_owned(), tick: label.tick, cause: cause.to_string() }
+                RescoreError::Command { run: source.name.clone(), tick: label.tick, cause: cause.to_string() }
             })?;
             drop(self.controller.command(tick, &command));
         }

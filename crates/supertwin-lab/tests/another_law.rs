@@ -3,8 +3,7 @@
 use crate::common::kept::keep;
 use crate::common::load;
 use std::fs;
-use supertwin_core::source::Kept;
-use supertwin_core::{Capability, Property, RunSource, signal};
+use supertwin_core::{Capability, Property, RecordedRun, signal};
 use supertwin_lab::align::{Grid, Window};
 use supertwin_lab::metrics::{Selection, evaluate};
 use supertwin_lab::{LAWS, rescore};
@@ -19,7 +18,7 @@ growth = { surge = 0.5, sway = 0.5, heave = 0.5, yaw = 0.1 }
 alpha_tol = { surge = 0.2, sway = 0.2, heave = 0.15, yaw = 0.2 }
 "#;
 
-fn text<'a>(kept: &'a Kept, name: &str) -> &'a str {
+fn text<'a>(kept: &'a RecordedRun, name: &str) -> &'a str {
     match &kept.properties["run"][name] {
         Property::Text(text) => text,
         other => panic!("{name} = {other:?}"),

@@ -4,8 +4,7 @@
 use crate::common::kept::keep;
 use crate::common::load;
 use std::collections::BTreeMap;
-use supertwin_core::source::Kept;
-use supertwin_core::{Property, RunSource, signal};
+use supertwin_core::{Property, RecordedRun, signal};
 use supertwin_lab::align::{Alignment, Grid, Window};
 use supertwin_lab::metrics::{Evaluated, MetricsError, Selection, all_metrics, evaluate};
 
@@ -14,7 +13,7 @@ fn all() -> Selection {
 }
 
 /// The trial's own window from the start.
-fn own(kept: &Kept) -> Grid {
+fn own(kept: &RecordedRun) -> Grid {
     let number = |name: &str| match kept.properties["run"][name] {
         Property::Number(number) => number,
         ref other => panic!("{name} = {other:?}"),
@@ -23,7 +22,7 @@ fn own(kept: &Kept) -> Grid {
     Grid::new(0, number("tick_s"), window, number("tick_s"))
 }
 
-fn around(kept: &impl RunSource, align: &Alignment, window: Window) -> Evaluated {
+fn around(kept: &RecordedRun, align: &Alignment, window: Window) -> Evaluated {
     let origin = align.find(kept).expect("is found");
     evaluate(kept, &Grid::new(origin, 0.02, window, 0.02), &all()).expect("is evaluated")
 }
@@ -33,7 +32,7 @@ fn bits(values: &BTreeMap<String, f64>) -> Vec<(&str, u64)> {
 }
 
 /// The same run as if it had begun `later` ticks earlier than its clock says.
-fn shifted(kept: &Kept, later: i64) -> Kept {
+fn shifted(kept: &RecordedRun, later: i64) -> RecordedRun {
     let mut moved = kept.clone();
     for columns in moved.signals.values_mut() {
         columns.tick.iter_mut().for_each(|tick| *tick += later);
@@ -118,7 +117,7 @@ fn runs_are_aligned_on_events_at_known_ticks() {
         {at_s=14.0,command.link.withhold={wire=\"nav\",for_s=0.2}}]";
     let (kept, outcome) = keep(&load("paper-gsta", &[mission, "trial.duration_s=25.0", "trial.score.from_s=6.0"]), 1);
     assert!(outcome.refused.is_empty(), "{:?}", outcome.refused);
-    let ticks = |kept: &Kept| -> Vec<i64> {
+    let ticks = |kept: &RecordedRun| -> Vec<i64> {
         let words = ["start", "following", "fault", "reversed", "event:mission: command applied: *withhold"];
         let find = |word: &&str| word.parse::<Alignment>().expect("is one").find(kept).expect(word);
         words.iter().map(find).collect()

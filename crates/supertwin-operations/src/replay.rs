@@ -77,7 +77,7 @@ impl Source {
     ///
     /// # Errors
     /// The recording does not have what a replay needs.
-    pub fn replay(&self) -> Result<(Replay<'_, Recording>, Option<RejectedMessages>), OperationError> {
+    pub fn replay(&self) -> Result<(Replay<'_>, Option<RejectedMessages>), OperationError> {
         let (messages, rejected) = messages(&self.recording);
         let replay = Replay::new(&self.recording, messages).map_err(|error| at(&self.file, error))?;
         Ok((replay, rejected))
@@ -87,11 +87,7 @@ impl Source {
     ///
     /// # Errors
     /// A block can't be built or stops.
-    pub fn verify(
-        &self,
-        replay: &Replay<'_, Recording>,
-        from: Option<FromBlock>,
-    ) -> Result<Verification, OperationError> {
+    pub fn verify(&self, replay: &Replay<'_>, from: Option<FromBlock>) -> Result<Verification, OperationError> {
         replay.verify(from).map_err(|error| at(&self.file, error))
     }
 
@@ -101,7 +97,7 @@ impl Source {
     /// The change can't be made, or `out` can't be written.
     pub fn what_if(
         &self,
-        replay: &Replay<'_, Recording>,
+        replay: &Replay<'_>,
         changed: &Changed,
         out: &Path,
         force: bool,
@@ -118,7 +114,7 @@ impl Source {
     /// The change can't be made, the run stops, or `out` can't be written.
     pub fn closed_loop(
         &self,
-        replay: &Replay<'_, Recording>,
+        replay: &Replay<'_>,
         changed: &Changed,
         out: &Path,
         force: bool,
@@ -137,11 +133,7 @@ impl Source {
     }
 
     /// A what-if is worth as much as the blocks repeat what they did.
-    fn before(
-        &self,
-        replay: &Replay<'_, Recording>,
-        changed: &Changed,
-    ) -> Result<(Verification, Option<Scores>), OperationError> {
+    fn before(&self, replay: &Replay<'_>, changed: &Changed) -> Result<(Verification, Option<Scores>), OperationError> {
         let base = self.verify(replay, None)?;
         let original = rescore(&self.recording).ok().map(|rescored| rescored.scores);
         // Only what can be done may take the place of a file.

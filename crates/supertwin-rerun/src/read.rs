@@ -13,11 +13,11 @@ use rerun::{ComponentIdentifier, StoreId, StoreKind};
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io;
-use std::ops::Range;
+use std::ops::{Deref, Range};
 use std::path::{Path, PathBuf};
-use supertwin_core::run::{FORMAT, Properties};
+use supertwin_core::run::FORMAT;
 pub use supertwin_core::source::{Columns, Label, WireMessage};
-use supertwin_core::{Event, Property, RunSource};
+use supertwin_core::{Property, RecordedRun};
 
 /// Component of `wire/<key>` that holds the bytes of a message.
 pub const BYTES: &str = "bytes";
@@ -25,22 +25,8 @@ pub const BYTES: &str = "bytes";
 /// What was recorded.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Recording {
-    /// Name of the run; empty when not even that was written.
-    pub name: String,
-    /// Groups of properties: `run` from the beginning, `result` from the end.
-    pub properties: BTreeMap<String, Properties>,
-    /// Numbers by path of the signal.
-    pub signals: BTreeMap<String, Columns>,
-    /// Changes of labels by path of the signal.
-    pub labels: BTreeMap<String, Vec<Label>>,
-    /// What happened, in order of time.
-    pub events: Vec<Event>,
-    /// Commands that applied, as JSON, by service: `command/<service>`.
-    pub commands: BTreeMap<String, Vec<Label>>,
-    /// Messages of wires by key: `wire/<key>`.
-    pub wires: BTreeMap<String, Vec<WireMessage>>,
-    /// Words by path: the account of each step at `step/<service>`, states at `state/<service>/<name>`.
-    pub words: BTreeMap<String, Vec<Label>>,
+    /// What it says of the run.
+    pub run: RecordedRun,
     /// How many rows every entity has, drawings included; of those that were read.
     pub rows: BTreeMap<String, usize>,
     /// The file was closed properly and nothing is missing.
@@ -168,12 +154,13 @@ pub(crate) fn read_and_keep(
         }
     }
     recording.complete = recording.damage.is_empty();
-    recording.signals.values_mut().for_each(Columns::sort);
-    recording.labels.values_mut().for_each(|labels| labels.sort_by_key(|label| label.tick));
-    recording.commands.values_mut().for_each(|commands| commands.sort_by_key(|command| command.tick));
-    recording.words.values_mut().for_each(|words| words.sort_by_key(|words| words.tick));
-    recording.wires.values_mut().for_each(|wire| wire.sort_by_key(|message| message.tick));
-    recording.events.sort_by_key(|event| event.tick);
+    let run = &mut recording.run;
+    run.signals.values_mut().for_each(Columns::sort);
+    run.labels.values_mut().for_each(|labels| labels.sort_by_key(|label| label.tick));
+    run.commands.values_mut().for_each(|commands| commands.sort_by_key(|command| command.tick));
+    run.words.values_mut().for_each(|words| words.sort_by_key(|words| words.tick));
+    run.wires.values_mut().for_each(|wire| wire.sort_by_key(|message| message.tick));
+    run.events.sort_by_key(|event| event.tick);
     Ok((recording, chunks))
 }
 
@@ -396,33 +383,10 @@ fn is_property(path: &str) -> bool {
     path.starts_with("__properties")
 }
 
-impl RunSource for Recording {
-    fn name(&self) -> &str {
-        &self.name
-    }
-    fn properties(&self) -> &BTreeMap<String, Properties> {
-        &self.properties
-    }
-    fn signals(&self) -> &BTreeMap<String, Columns> {
-        &self.signals
-    }
-    fn labels(&self) -> &BTreeMap<String, Vec<Label>> {
-        &self.labels
-    }
-    fn events(&self) -> &[Event] {
-        &self.events
-    }
-    fn commands(&self) -> &BTreeMap<String, Vec<Label>> {
-        &self.commands
-    }
-    fn is_complete(&self) -> bool {
-        self.complete
-    }
-    fn words(&self, path: &str) -> &[Label] {
-        self.words.get(path).map_or(&[], Vec::as_slice)
-    }
-    fn wire(&self, key: &str) -> &[WireMessage] {
-        self.wires.get(key).map_or(&[], Vec::as_slice)
+impl Deref for Recording {
+    type Target = RecordedRun;
+    fn deref(&self) -> &RecordedRun {
+        &self.run
     }
 }
 
@@ -452,31 +416,31 @@ impl Recording {
         let wire = path.strip_prefix("wire/").filter(|_| has(bytes));
         let sent = wire.map(|key| Ok::<_, String>((key, wired(chunk, bytes)?))).transpose()?;
         if has(scalars) {
-            let mut columns = self.signals.remove(path).unwrap_or_default();
+            let mut columns = self.run.signals.remove(path).unwrap_or_default();
             let known = !columns.tick.is_empty() || !columns.names.is_empty();
             let added = add_rows(&mut columns, chunk, scalars);
             if known || added.is_ok() {
-                self.signals.insert(path.to_owned(), columns);
+                self.run.signals.insert(path.to_owned(), columns);
             }
             added?;
         }
         if has(names) {
-            self.signals.entry(path.to_owned()).or_default().names =
+            self.run.signals.entry(path.to_owned()).or_default().names =
                 strings(chunk, names).map(|name| name.unwrap_or_default()).collect();
         }
         if let Some(changes) = changes {
-            self.labels.entry(path.to_owned()).or_default().extend(changes);
+            self.run.labels.entry(path.to_owned()).or_default().extend(changes);
         }
-        self.events.extend(happened.into_iter().flatten());
+        self.run.events.extend(happened.into_iter().flatten());
         if let Some(said) = said {
             let (of_path, path) = match path.strip_prefix("command/") {
-                Some(service) => (&mut self.commands, service),
-                None => (&mut self.words, path),
+                Some(service) => (&mut self.run.commands, service),
+                None => (&mut self.run.words, path),
             };
             of_path.entry(path.to_owned()).or_default().extend(said);
         }
         if let Some((key, sent)) = sent {
-            self.wires.entry(key.to_owned()).or_default().extend(sent);
+            self.run.wires.entry(key.to_owned()).or_default().extend(sent);
         }
         *self.rows.entry(path.to_owned()).or_default() += chunk.num_rows();
         Ok(())
@@ -485,14 +449,14 @@ impl Recording {
     fn add_properties(&mut self, group: &str, chunk: &Chunk) -> Result<(), String> {
         if group.is_empty() {
             if let Some(name) = strings(chunk, rerun::RecordingInfo::descriptor_name().component).flatten().next() {
-                self.name = name;
+                self.run.name = name;
             }
             return Ok(());
         }
         for component in chunk.components_identifiers() {
             let values = chunk.components().get_array(component).map(ListArray::values);
             let property = values.and_then(property).ok_or_else(|| format!("{component} is not a property"))?;
-            self.properties.entry(group.to_owned()).or_default().insert(component.to_string(), property);
+            self.run.properties.entry(group.to_owned()).or_default().insert(component.to_string(), property);
         }
         Ok(())
     }

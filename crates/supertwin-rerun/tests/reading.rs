@@ -13,7 +13,7 @@ use std::process::Command;
 use std::sync::Arc;
 use supertwin_core::run::Properties;
 use supertwin_core::signal::tracking;
-use supertwin_core::{RunHeader, RunSink, RunSource};
+use supertwin_core::{RunHeader, RunSink};
 use supertwin_rerun::repair::RepairError;
 use supertwin_rerun::{Options, ReadError, Recording, RerunSink, read, read_selected, repair};
 
@@ -254,7 +254,7 @@ fn wires_commands_and_clocks_of_a_network_recording_come_back() {
     let used = &recording.signals["used/controller"];
     assert_eq!(used.at(7), Some(&[7.0, 6.0][..]));
     assert_eq!(used.clocks["sender_clock"][7], Some(1_700_000_000_140_000_000));
-    let commands = &recording.commands()["guidance"];
+    let commands = &recording.commands["guidance"];
     assert_eq!(commands.iter().map(|command| command.tick).collect::<Vec<_>>(), [3, 13, 23]);
     assert_eq!(commands[0].value, r#"{"depth_m":3.0}"#);
     assert_eq!(recording.events.len(), 3, "commands are no events");

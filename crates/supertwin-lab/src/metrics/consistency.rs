@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use supertwin_core::frame::ssa;
 use supertwin_core::signal::{Component, estimator, nav, truth};
 use supertwin_core::source::Columns;
-use supertwin_core::{RunSource, Signal};
+use supertwin_core::{RecordedRun, Signal};
 
 /// Normalised squares, in the order of [`NIS`].
 const SQUARES: [Component; NIS.len()] = [
@@ -36,12 +36,12 @@ pub(super) fn is_innovation(path: &str) -> bool {
 }
 
 /// What was recorded of `signal`, if it has all its components.
-fn whole<'a>(source: &'a impl RunSource, signal: &Signal) -> Option<&'a Columns> {
+fn whole<'a>(source: &'a RecordedRun, signal: &Signal) -> Option<&'a Columns> {
     source.signal(signal).filter(|columns| columns.width == signal.width())
 }
 
 /// Mean normalised innovations squared of all measurements in the window.
-pub(super) fn nis(source: &impl RunSource, grid: &Grid, out: &mut BTreeMap<String, f64>) {
+pub(super) fn nis(source: &RecordedRun, grid: &Grid, out: &mut BTreeMap<String, f64>) {
     let (from, to) = (grid.tick(grid.from), grid.tick(grid.to));
     for (square, (name, _)) in SQUARES.iter().zip(NIS) {
         let Some(columns) = whole(source, square.signal) else { continue };
@@ -65,7 +65,7 @@ pub(super) struct Consistency {
 }
 
 impl Consistency {
-    pub(super) fn add(&mut self, source: &impl RunSource, sample: &Sample) {
+    pub(super) fn add(&mut self, source: &RecordedRun, sample: &Sample) {
         let k = sample.tick.k as i64;
         let row = |signal| whole(source, signal).and_then(|columns| columns.at(k));
         let flag = |component: Component| row(component.signal).and_then(|health| component.of(health));

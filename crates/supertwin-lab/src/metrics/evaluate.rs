@@ -10,7 +10,7 @@ use crate::score::Scorer;
 use crate::statistics::mean;
 use std::collections::BTreeMap;
 use supertwin_core::axes::AXIS_NAMES;
-use supertwin_core::{Axes, Property, RunSource, Tick};
+use supertwin_core::{Axes, Property, RecordedRun, Tick};
 
 /// What was found.
 #[derive(Clone, Debug, PartialEq)]
@@ -65,8 +65,8 @@ pub enum MetricsError {
 ///
 /// # Errors
 /// When the run lacks a signal altogether, has numbers that are none, or does not reach into the window.
-pub fn evaluate(source: &impl RunSource, grid: &Grid, wanted: &Selection) -> Result<Evaluated, MetricsError> {
-    let run = || source.name().to_owned();
+pub fn evaluate(source: &RecordedRun, grid: &Grid, wanted: &Selection) -> Result<Evaluated, MetricsError> {
+    let run = || source.name.clone();
     let mut reader = SampleReader::new(source, false)?;
     let truth = reader.has_truth();
     if let Some((path, tick)) = reader.not_finite(grid.tick(grid.from), grid.tick(grid.to)) {

@@ -7,7 +7,7 @@ use supertwin_core::block::SERVICES;
 use supertwin_core::signal::link::{AGE, Account, DEADLINE, LOOP_TIME, MISSING, STEP_TIME, TRANSPORT};
 use supertwin_core::signal::thrust::REQUESTED;
 use supertwin_core::source::Columns;
-use supertwin_core::{Property, RunSource};
+use supertwin_core::{Property, RecordedRun};
 
 const P99: usize = STEP_TIME.at("p99");
 const MISSES: usize = DEADLINE.at("misses");
@@ -15,14 +15,14 @@ const SENDER: &str = "sender_clock";
 const RECORDER: &str = "recorder_clock";
 
 /// All of them that the recording has.
-pub(super) fn values(source: &impl RunSource, grid: &Grid, out: &mut BTreeMap<String, f64>) {
+pub(super) fn values(source: &RecordedRun, grid: &Grid, out: &mut BTreeMap<String, f64>) {
     let (from, to) = (grid.tick(grid.from), grid.tick(grid.to));
     let mut put = |name: &str, value: Option<f64>| {
         if let Some(value) = value {
             out.insert(name.to_owned(), value);
         }
     };
-    let account = |service: &str, what: &Account| source.signals().get(&what.path(service));
+    let account = |service: &str, what: &Account| source.signals.get(&what.path(service));
     let most = |a: Option<f64>, b: Option<f64>| a.into_iter().chain(b).reduce(f64::max);
     let sum = |a: Option<f64>, b: Option<f64>| a.into_iter().chain(b).reduce(|a, b| a + b);
 
@@ -87,8 +87,8 @@ fn lag_ms(columns: &Columns, from: i64, to: i64) -> Vec<f64> {
     sorted(rows.filter_map(|((_, sent), recorded)| Some(((*recorded)? - (*sent)?) as f64 / 1e6)))
 }
 
-fn unrecorded(source: &impl RunSource) -> Option<f64> {
-    let result = source.properties().get("result")?;
+fn unrecorded(source: &RecordedRun) -> Option<f64> {
+    let result = source.properties.get("result")?;
     let count = |name: &str| match result.get(name) {
         Some(Property::Integer(count)) => Some(*count as f64),
         _ => None,

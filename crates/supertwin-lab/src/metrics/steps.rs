@@ -6,7 +6,7 @@ use supertwin_core::signal::Component;
 use supertwin_core::signal::guidance::TARGET;
 use supertwin_core::signal::reference::MODE;
 use supertwin_core::source::{Columns, Label};
-use supertwin_core::{RunSource, Tick};
+use supertwin_core::{RecordedRun, Tick};
 
 /// Set-points before the reference models.
 const DEPTH: Component = TARGET.at("depth");
@@ -44,7 +44,7 @@ pub(super) struct Targets<'a> {
 }
 
 impl<'a> Targets<'a> {
-    pub(super) fn new(source: &'a impl RunSource) -> Self {
+    pub(super) fn new(source: &'a RecordedRun) -> Self {
         let target = source.signal(&TARGET).filter(|columns| columns.width == TARGET.width());
         Self { modes: source.label(&MODE), target, mode: 0 }
     }

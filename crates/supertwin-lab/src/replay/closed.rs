@@ -20,7 +20,7 @@ use supertwin_core::message::WrenchRequest;
 use supertwin_core::run::Properties;
 use supertwin_core::signal::{self, Component};
 use supertwin_core::source::Columns;
-use supertwin_core::{Event, EventKind, OperatorLink, RunHeader, RunSink, RunSource, Severity, Signal, Wrench};
+use supertwin_core::{Event, EventKind, OperatorLink, RunHeader, RunSink, Severity, Signal, Wrench};
 use supertwin_plant::Drive;
 
 /// The heading at which the disturbance was found.
@@ -60,7 +60,7 @@ impl Recorded<'_> {
     }
 }
 
-impl<S: RunSource> Replay<'_, S> {
+impl Replay<'_> {
     /// Ticks of a run in a closed loop.
     #[must_use]
     pub fn closed_ticks(&self) -> u64 {
@@ -82,7 +82,7 @@ impl<S: RunSource> Replay<'_, S> {
         let columns = |signal: &Signal| {
             let columns = self.source.signal(signal).filter(|columns| columns.width == signal.width());
             columns.ok_or_else(|| {
-                let (run, path) = (self.source.name(), signal.path);
+                let (run, path) = (&self.source.name, signal.path);
                 ReplayError::Change(format!("{run}: {path} was not recorded: a closed loop needs it"))
             })
         };
@@ -100,7 +100,7 @@ impl<S: RunSource> Replay<'_, S> {
         }
         let seed = self.seed();
         let header = RunHeader {
-            name: format!("{}-closed-loop", self.source.name()),
+            name: format!("{}-closed-loop", self.source.name),
             properties,
             scene: run::scene(&trial, seed)?,
         };
@@ -113,7 +113,7 @@ impl<S: RunSource> Replay<'_, S> {
     }
 
     fn announcement(&self, changed: &Changed) -> EventKind {
-        EventKind::ReplayedClosedLoop { recording: self.source.name().to_owned(), changed: changed.words.clone() }
+        EventKind::ReplayedClosedLoop { recording: self.source.name.clone(), changed: changed.words.clone() }
     }
 
     /// What came over the network beside commands: an operator who was lost, an external controller.

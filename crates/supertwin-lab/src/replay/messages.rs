@@ -3,7 +3,7 @@
 use std::any::Any;
 use std::collections::{BTreeMap, BTreeSet};
 use supertwin_core::message::{FromSignals, Measurements, Nav, Reference, SignalValues, Thrust, WrenchRequest};
-use supertwin_core::{Message, RunSource, Signal, signal};
+use supertwin_core::{Message, RecordedRun, Signal, signal};
 
 /// Messages of one wire: by tick, with who sent them. Two who write the same wire may have the same tick.
 #[derive(Clone, Debug)]
@@ -75,7 +75,7 @@ impl Messages {
     ///
     /// Every field of a message is a signal, with all its bits; what a message left out has no row at its tick. A beam
     /// range of zero stands for a beam that did not come back.
-    pub fn rebuild(&mut self, source: &impl RunSource) -> BTreeMap<&'static str, u64> {
+    pub fn rebuild(&mut self, source: &RecordedRun) -> BTreeMap<&'static str, u64> {
         let mut rebuilt = BTreeMap::new();
         // A plant that measured nothing at a tick sent a message all the same.
         let measured = signal::measurements::SIGNALS.iter().copied().flatten().copied().chain([&signal::truth::POSE]);
@@ -89,7 +89,7 @@ impl Messages {
     /// One wire, at every tick at which one of `shown` has a row.
     fn rebuild_wire<M: Message + FromSignals>(
         &mut self,
-        source: &impl RunSource,
+        source: &RecordedRun,
         shown: impl IntoIterator<Item = &'static Signal>,
         rebuilt: &mut BTreeMap<&'static str, u64>,
     ) {
@@ -112,12 +112,12 @@ impl Messages {
 }
 
 /// What was shown at a tick.
-pub(super) struct At<'a, S> {
-    pub(super) source: &'a S,
+pub(super) struct At<'a> {
+    pub(super) source: &'a RecordedRun,
     pub(super) tick: i64,
 }
 
-impl<S: RunSource> SignalValues for At<'_, S> {
+impl SignalValues for At<'_> {
     fn numbers(&self, signal: &'static Signal) -> Option<&[f64]> {
         self.source.signal(signal)?.at(self.tick)
     }

@@ -32,7 +32,7 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 use supertwin_core::digest::RunDigest;
 use supertwin_core::run::Properties;
-use supertwin_core::{Property, RunSource, Tick, signal};
+use supertwin_core::{Property, RecordedRun, Tick, signal};
 
 /// A recording that can't be replayed.
 #[derive(Debug, thiserror::Error)]
@@ -183,23 +183,23 @@ pub struct Verification {
 
 /// A recording, ready to be replayed.
 #[derive(Debug)]
-pub struct Replay<'a, S> {
-    source: &'a S,
+pub struct Replay<'a> {
+    source: &'a RecordedRun,
     trial: ResolvedTrial,
     plan: Plan,
     messages: Messages,
     rebuilt: BTreeMap<&'static str, u64>,
 }
 
-impl<'a, S: RunSource> Replay<'a, S> {
+impl<'a> Replay<'a> {
     /// Takes a recording apart. `messages` are those whose exact bytes it has, decoded.
     ///
     /// # Errors
     /// When the recording does not say what was run, or how.
-    pub fn new(source: &'a S, mut messages: Messages) -> Result<Self, ReplayError> {
-        let run = source.name().to_owned();
+    pub fn new(source: &'a RecordedRun, mut messages: Messages) -> Result<Self, ReplayError> {
+        let run = source.name.clone();
         let empty = Properties::new();
-        let properties = source.properties().get("run").unwrap_or(&empty);
+        let properties = source.properties.get("run").unwrap_or(&empty);
         if let Some(Property::Text(of)) = properties.get("replay_of") {
             return Err(ReplayError::Twice { run, of: of.clone() });
         }
@@ -218,7 +218,7 @@ impl<'a, S: RunSource> Replay<'a, S> {
         }
         let plan = Plan::of(source, &trial, tick_s, &mut messages)?;
         for (part, service) in plan.parts.iter().zip(RING) {
-            let shown = source.signals().keys().any(|path| path.starts_with(&format!("{service}/")));
+            let shown = source.signals.keys().any(|path| path.starts_with(&format!("{service}/")));
             if part.instances.is_empty() && shown {
                 return Err(ReplayError::NoAccount { run, service });
             }
@@ -240,7 +240,7 @@ impl<'a, S: RunSource> Replay<'a, S> {
     }
 
     fn trial_of(&self, service: &str, instance: &Instance) -> Result<(ResolvedTrial, u64), ReplayError> {
-        let mut properties = self.source.properties().get("run").cloned().unwrap_or_default();
+        let mut properties = self.source.properties.get("run").cloned().unwrap_or_default();
         // Services may have been started with other files than the plant.
         for name in ["config", "controller", "seed"] {
             if let Some(own) = properties.get(&format!("{name}_of_{service}")).cloned() {
@@ -252,7 +252,7 @@ impl<'a, S: RunSource> Replay<'a, S> {
         // One that is started anew says with which.
         if let Some(words) = told.iter().rfind(|words| words.tick <= first.cast_signed()) {
             let told: Properties = serde_json::from_str(&words.value).map_err(|cause| ReplayError::Account {
-                run: self.source.name().to_owned(),
+                run: self.source.name.clone(),
                 path: format!("state/{service}/run"),
                 tick: words.tick,
                 cause: cause.to_string(),
@@ -261,9 +261,9 @@ impl<'a, S: RunSource> Replay<'a, S> {
         }
         let seed = match properties.get("seed") {
             Some(Property::Integer(seed)) => *seed,
-            _ => return Err(ReplayError::Property { run: self.source.name().to_owned(), name: "seed" }),
+            _ => return Err(ReplayError::Property { run: self.source.name.clone(), name: "seed" }),
         };
-        let place = format!("{}: configuration of {service}", self.source.name());
+        let place = format!("{}: configuration of {service}", self.source.name);
         Ok((ResolvedTrial::from_properties(&properties, &place)?, seed))
     }
 
@@ -351,7 +351,7 @@ impl<'a, S: RunSource> Replay<'a, S> {
 
     /// The hash of the whole run against the one in its results.
     fn hash(&self, played: &[Played]) -> Option<bool> {
-        let Some(Property::Text(recorded)) = self.source.properties().get("result")?.get("hash") else { return None };
+        let Some(Property::Text(recorded)) = self.source.properties.get("result")?.get("hash") else { return None };
         let [plant, estimator, guidance, controller] = played else { return None };
         let whole = |played: &Played| played.digests.iter().enumerate().all(|(k, (tick, _))| k as u64 == *tick);
         let ticks = plant.digests.len();

@@ -11,7 +11,7 @@ use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use supertwin_core::command::Command;
 use supertwin_core::source::Label;
-use supertwin_core::{OperatorLink, RunSource, Signal, Tick, signal};
+use supertwin_core::{OperatorLink, RecordedRun, Signal, Tick, signal};
 
 /// One step of one block.
 #[derive(Clone, Debug, PartialEq)]
@@ -57,12 +57,12 @@ pub(crate) struct Plan {
 impl Plan {
     /// Every step of the run; messages that a mission made are added to `messages`.
     pub(crate) fn of(
-        source: &impl RunSource,
+        source: &RecordedRun,
         trial: &ResolvedTrial,
         tick_s: f64,
         messages: &mut Messages,
     ) -> Result<Self, ReplayError> {
-        let run = source.properties().get("run");
+        let run = source.properties.get("run");
         let placement = run.and_then(|run| run.get("placement"));
         let batch = placement.is_none_or(|placement| *placement == "batch".into());
         let parts = if batch {
@@ -75,7 +75,7 @@ impl Plan {
             parts
         };
         if parts.iter().all(|part| part.instances.is_empty()) {
-            return Err(ReplayError::Nothing { run: source.name().to_owned() });
+            return Err(ReplayError::Nothing { run: source.name.clone() });
         }
         Ok(Self { parts, tick_s, batch })
     }
@@ -101,9 +101,9 @@ struct StepAccount {
     digest: Option<String>,
 }
 
-fn recorded_part(source: &impl RunSource, service: &str) -> Result<BlockHistory, ReplayError> {
+fn recorded_part(source: &RecordedRun, service: &str) -> Result<BlockHistory, ReplayError> {
     let wrong = |label: &Label, what: &str, cause: String| ReplayError::Account {
-        run: source.name().to_owned(),
+        run: source.name.clone(),
         path: format!("{what}/{service}"),
         tick: label.tick,
         cause,
@@ -129,7 +129,7 @@ fn recorded_part(source: &impl RunSource, service: &str) -> Result<BlockHistory,
         }
     }
     let mut before: Option<&Label> = None;
-    for label in source.commands().get(service).map_or(&[][..], Vec::as_slice) {
+    for label in source.commands.get(service).map_or(&[][..], Vec::as_slice) {
         // Two recorders one after the other may have told it twice; a block is not asked the same twice in a tick.
         if before.is_some_and(|before| before == label) {
             continue;
@@ -153,7 +153,7 @@ static SHOWN: [&Signal; RING.len()] =
 
 /// Which messages each block used in a run of one process: its mission and its laps, with empty messages on the wires.
 fn batch_parts(
-    source: &impl RunSource,
+    source: &RecordedRun,
     trial: &ResolvedTrial,
     tick_s: f64,
     messages: &mut Messages,

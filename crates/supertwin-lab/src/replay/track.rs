@@ -3,7 +3,7 @@
 use super::Difference;
 use std::collections::{BTreeMap, BTreeSet};
 use supertwin_core::source::{Columns, Label};
-use supertwin_core::{Event, Observe, Probe, RunSource, Signal, Tick};
+use supertwin_core::{Event, Observe, Probe, RecordedRun, Signal, Tick};
 
 /// Rows of one signal.
 #[derive(Clone, Debug, Default)]
@@ -123,7 +123,7 @@ impl Track {
 
     /// The first place where what was recorded at the ticks of `compared` is not what was shown: of the earliest tick the
     /// first in the order in which the block shows itself.
-    pub(crate) fn first_difference(&self, source: &impl RunSource, compared: &BTreeSet<u64>) -> Option<Difference> {
+    pub(crate) fn first_difference(&self, source: &RecordedRun, compared: &BTreeSet<u64>) -> Option<Difference> {
         let mut first: Option<Difference> = None;
         let mut found = |difference: Difference| {
             if first.as_ref().is_none_or(|first| difference.tick < first.tick) {
@@ -140,7 +140,7 @@ impl Track {
         };
         let empty = Columns::default();
         for (signal, rows) in &self.vectors {
-            let recorded = source.signals().get(signal.path).unwrap_or(&empty);
+            let recorded = source.signals.get(signal.path).unwrap_or(&empty);
             for (row, &tick) in rows.tick.iter().enumerate().filter(|(_, tick)| compared.contains(tick)) {
                 let shown = &rows.values[row * rows.width..][..rows.width];
                 let Some(known) = recorded.at(tick.cast_signed()) else {
@@ -160,7 +160,7 @@ impl Track {
             }
         }
         for (signal, values) in &self.labels {
-            let recorded = source.labels().get(signal.path).map_or(&[][..], Vec::as_slice);
+            let recorded = source.labels.get(signal.path).map_or(&[][..], Vec::as_slice);
             for (tick, shown) in values.iter().filter(|(tick, _)| compared.contains(tick)) {
                 let at = recorded.partition_point(|label| label.tick <= tick.cast_signed());
                 let known = at.checked_sub(1).map_or("not there", |at| recorded[at].value.as_str());
@@ -172,7 +172,7 @@ impl Track {
         }
         // What was recorded and is not shown any more.
         let prefix = format!("{}/", self.service);
-        for (path, columns) in source.signals().iter().filter(|(path, _)| path.starts_with(&prefix)) {
+        for (path, columns) in source.signals.iter().filter(|(path, _)| path.starts_with(&prefix)) {
             let shown = self.vectors.iter().find(|(signal, _)| signal.path == path).map(|(_, rows)| &rows.tick);
             let shown: BTreeSet<u64> = shown.into_iter().flatten().copied().collect();
             let gone = columns.tick.iter().filter_map(|&tick| u64::try_from(tick).ok());

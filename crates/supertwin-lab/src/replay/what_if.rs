@@ -17,15 +17,15 @@ use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 use supertwin_core::command::Command;
 use supertwin_core::run::{Properties, Scene};
-use supertwin_core::source::{Columns, Kept, Label};
+use supertwin_core::source::{Columns, Label};
 use supertwin_core::{
-    Event, EventKind, Observe, Property, RunHeader, RunSink, RunSource, Severity, Signal, Tick, signal,
+    Event, EventKind, Observe, Property, RecordedRun, RunHeader, RunSink, Severity, Signal, Tick, signal,
 };
 
 /// The result of an open-loop what-if.
 #[derive(Debug)]
 pub struct WhatIf {
-    run: Kept,
+    run: RecordedRun,
     scene: Scene,
     known: BTreeMap<&'static str, &'static Signal>,
     tick_s: f64,
@@ -37,7 +37,7 @@ pub struct WhatIf {
     pub scores: Result<Rescored, String>,
 }
 
-impl<S: RunSource> Replay<'_, S> {
+impl Replay<'_> {
     /// The chain from `changed.from` on with the changes, on recorded inputs. The vehicle does not react.
     ///
     /// The estimator's thrust is the recorded one, because that is what moved the vehicle that was measured; the
@@ -62,10 +62,10 @@ impl<S: RunSource> Replay<'_, S> {
 
         let mut signals: BTreeMap<String, Columns> = BTreeMap::new();
         let mut labels: BTreeMap<String, Vec<Label>> = BTreeMap::new();
-        for (path, columns) in self.source.signals().iter().filter(|(path, _)| !is_new(path) && !follows(path)) {
+        for (path, columns) in self.source.signals.iter().filter(|(path, _)| !is_new(path) && !follows(path)) {
             signals.insert(path.clone(), Columns { clocks: BTreeMap::new(), ..columns.clone() });
         }
-        for (path, changes) in self.source.labels().iter().filter(|(path, _)| !is_new(path) && !follows(path)) {
+        for (path, changes) in self.source.labels.iter().filter(|(path, _)| !is_new(path) && !follows(path)) {
             labels.insert(path.clone(), changes.clone());
         }
         let mut known = self.known_signals(changed.from.position())?;
@@ -81,13 +81,13 @@ impl<S: RunSource> Replay<'_, S> {
             }
         }
 
-        let run = Kept {
-            name: format!("{}-replay", self.source.name()),
+        let run = RecordedRun {
+            name: format!("{}-replay", self.source.name),
             properties: BTreeMap::from([("run".to_owned(), self.about(&trial, changed, "open loop", provenance)?)]),
             signals,
             labels,
             events: self.events(&trial, changed, &played),
-            ..Kept::default()
+            ..RecordedRun::default()
         };
         Ok(WhatIf {
             scores: rescore(&run).map_err(|why| why.to_string()),
@@ -101,7 +101,7 @@ impl<S: RunSource> Replay<'_, S> {
     }
 
     pub(super) fn seed(&self) -> u64 {
-        match self.source.properties().get("run").and_then(|run| run.get("seed")) {
+        match self.source.properties.get("run").and_then(|run| run.get("seed")) {
             Some(Property::Integer(seed)) => *seed,
             // Looked at when the recording was taken apart.
             _ => 0,
@@ -140,7 +140,7 @@ impl<S: RunSource> Replay<'_, S> {
         how: &str,
         provenance: &Properties,
     ) -> Result<Properties, ReplayError> {
-        let original = self.source.properties().get("run").cloned().unwrap_or_default();
+        let original = self.source.properties.get("run").cloned().unwrap_or_default();
         let trial = with_commands(trial, &self.plan)?;
         let mut about = properties(&trial, self.seed(), "replay", provenance);
         if let Some(duration_s) = original.get("duration_s") {
@@ -149,7 +149,7 @@ impl<S: RunSource> Replay<'_, S> {
             about.remove("duration_s");
         }
         about.insert("replay".to_owned(), how.into());
-        about.insert("replay_of".to_owned(), self.source.name().into());
+        about.insert("replay_of".to_owned(), self.source.name.as_str().into());
         about.insert("replay_from".to_owned(), if how == "open loop" { changed.from.name() } else { "plant" }.into());
         let words = if changed.is_nothing() { "nothing".to_owned() } else { changed.words.join("; ") };
         about.insert("replay_changed".to_owned(), words.into());
@@ -169,7 +169,7 @@ impl<S: RunSource> Replay<'_, S> {
             service: Cow::Borrowed("replay"),
             severity: Severity::Info,
             what: EventKind::ReplayedOpenLoop {
-                recording: self.source.name().to_owned(),
+                recording: self.source.name.clone(),
                 from: Cow::Borrowed(changed.from.name()),
                 controller: trial.controller_name.clone(),
                 changed: changed.words.clone(),
@@ -179,7 +179,7 @@ impl<S: RunSource> Replay<'_, S> {
         // A service that was run anew says anew what it does; what was said about commands and links still holds.
         let holds =
             |event: &&Event| !new.contains(&&*event.service) || matches!(event.what, EventKind::CommandApplied { .. });
-        events.extend(self.source.events().iter().filter(holds).cloned());
+        events.extend(self.source.events.iter().filter(holds).cloned());
         events.extend(played.iter().flat_map(|played| played.track.events.iter().cloned()));
         for gap in played.iter().flat_map(|played| played.inexact.iter().map(move |gap| (played.track.service, gap))) {
             let (service, gap) = gap;
@@ -281,7 +281,7 @@ impl WhatIf {
 
     /// Largest difference of each axis of the requested wrench to `original`, in N and N m, over ticks that both have.
     #[must_use]
-    pub fn wrench_difference(&self, original: &impl RunSource) -> [f64; 4] {
+    pub fn wrench_difference(&self, original: &RecordedRun) -> [f64; 4] {
         let signal = &signal::thrust::REQUESTED;
         let mut most = [0.0_f64; 4];
         let (Some(new), Some(old)) = (self.run.signal(signal), original.signal(signal)) else { return most };

@@ -2,14 +2,14 @@
 #![allow(dead_code, unreachable_pub, reason = "each test file uses its part")]
 
 use supertwin_core::run::Properties;
-use supertwin_core::source::{Kept, Label};
+use supertwin_core::source::{Label, RecordedRun};
 use supertwin_core::{Event, Probe, RunHeader, RunSink, Signal, SinkError, Tick};
 use supertwin_lab::{ResolvedTrial, RunOutcome, run};
 
 /// Keeps a run in memory.
 #[derive(Clone, Debug, Default)]
 pub struct Keeper {
-    pub run: Kept,
+    pub run: RecordedRun,
     tick: i64,
 }
 
@@ -50,7 +50,7 @@ impl RunSink for Keeper {
 }
 
 /// Runs into memory.
-pub fn keep(trial: &ResolvedTrial, seed: u64) -> (Kept, RunOutcome) {
+pub fn keep(trial: &ResolvedTrial, seed: u64) -> (RecordedRun, RunOutcome) {
     let mut keeper = Keeper::default();
     let outcome = run(trial, seed, &mut keeper, Some(&Properties::new()), |_| true).expect("runs");
     (keeper.run, outcome)

@@ -156,9 +156,9 @@ mod tests {
     #[test]
     fn all_ticks_are_there_once_and_in_order() {
         let mut recording = Recording::default();
-        recording.signals.insert("a".to_owned(), columns(&[0, 2, 4, 4], &[], 1));
-        recording.signals.insert("b".to_owned(), columns(&[2, 4], &[], 1));
-        recording.signals.insert("c".to_owned(), columns(&[-1, 3, 9], &[], 1));
+        recording.run.signals.insert("a".to_owned(), columns(&[0, 2, 4, 4], &[], 1));
+        recording.run.signals.insert("b".to_owned(), columns(&[2, 4], &[], 1));
+        recording.run.signals.insert("c".to_owned(), columns(&[-1, 3, 9], &[], 1));
         let ticks: Vec<i64> = TickTable::new(&recording).moments.iter().map(|moment| moment.0).collect();
         assert_eq!(ticks, [-1, 0, 2, 3, 4, 9]);
     }

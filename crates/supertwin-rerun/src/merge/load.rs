@@ -87,7 +87,7 @@ pub(super) fn load(run: &MergedRun, every: i64) -> Result<Loaded, ReadError> {
     let kept = |path: &str| path == reference::MODE.path || path == NET;
     let (mut recording, drawings) = read::read_and_keep(&files(run)?, &is_compared, &kept)?;
     let shift = Shift::new(run.offset_ns, &recording);
-    recording.signals.retain(|_, columns| !columns.tick.is_empty());
+    recording.run.signals.retain(|_, columns| !columns.tick.is_empty());
     recording.signals.values_mut().for_each(|columns| shift.apply(columns));
     let rms = [MEASURED, TRUE].map(|which| {
         QUANTITIES.each_ref().map(|quantity| {
@@ -199,9 +199,9 @@ mod tests {
         let mut recording = Recording::default();
         assert_eq!(Shift::new(-1_000_000_000, &recording), Shift { ns: -1_000_000_000, ticks: 0 });
         let columns = Columns { tick: vec![0, 4], time_ns: vec![0, 100_000_000], ..Columns::default() };
-        recording.signals.insert("a".to_owned(), columns);
+        recording.run.signals.insert("a".to_owned(), columns);
         assert_eq!(Shift::new(-1_000_000_000, &recording).ticks, -40);
-        recording.properties.entry("run".to_owned()).or_default().insert("tick_s".to_owned(), 0.02.into());
+        recording.run.properties.entry("run".to_owned()).or_default().insert("tick_s".to_owned(), 0.02.into());
         assert_eq!(Shift::new(-1_000_000_000, &recording).ticks, -50);
     }
 
