@@ -2,8 +2,7 @@
 
 use crate::command::Command;
 use schemars::JsonSchema;
-use serde::ser::SerializeStruct as _;
-use serde::{Deserialize, Serialize, Serializer};
+use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 use std::borrow::Cow;
 
@@ -12,8 +11,8 @@ mod sentence;
 mod tests;
 
 /// Something that happened at a tick and must not be lost.
-#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
-#[serde(from = "EventWithText")]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(from = "EventWithText", into = "EventWithText")]
 pub struct Event {
     /// Tick of the run at which it happened.
     pub tick: u64,
@@ -26,7 +25,7 @@ pub struct Event {
 }
 
 /// An event as it stands on a wire: the data for programs, and the sentence for people.
-#[derive(Deserialize, JsonSchema)]
+#[derive(Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, rename = "Event")]
 struct EventWithText {
     /// Tick of the run at which it happened.
@@ -38,7 +37,6 @@ struct EventWithText {
     /// What happened.
     what: EventKind,
     /// The same as a sentence for people; programs read `what`.
-    #[expect(dead_code, reason = "made again from the data")]
     text: String,
 }
 
@@ -49,15 +47,10 @@ impl From<EventWithText> for Event {
     }
 }
 
-impl Serialize for Event {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let mut event = serializer.serialize_struct("Event", 5)?;
-        event.serialize_field("tick", &self.tick)?;
-        event.serialize_field("service", &self.service)?;
-        event.serialize_field("severity", &self.severity)?;
-        event.serialize_field("what", &self.what)?;
-        event.serialize_field("text", &self.text())?;
-        event.end()
+impl From<Event> for EventWithText {
+    fn from(event: Event) -> Self {
+        let (text, Event { tick, service, severity, what }) = (event.text(), event);
+        Self { tick, service, severity, what, text }
     }
 }
 
