@@ -4,7 +4,7 @@ use crate::OperationError;
 use serde_json::{Map, Value, json};
 use std::path::{Path, PathBuf};
 use supertwin_pki::{self as pki, Credentials};
-use supertwin_protocol::access::{AccessRow, COLUMNS, Verb};
+use supertwin_protocol::access::{AccessRow, Verb};
 use supertwin_protocol::keys;
 use supertwin_protocol::role::{Role, Scope, common_name};
 use supertwin_zenoh::access_control;
@@ -94,7 +94,7 @@ fn tls(role: Role, vehicle: &str, place: Option<&Path>) -> Result<Value, Operati
 #[must_use]
 pub fn matrix_json(rows: &[AccessRow]) -> Value {
     let row = |row: &AccessRow| {
-        let allowed: Map<String, Value> = COLUMNS
+        let allowed: Map<String, Value> = Role::ALL
             .iter()
             .map(|role| {
                 (role.name().to_owned(), json!(row.verbs(*role).iter().map(|verb| verb.name()).collect::<Vec<_>>()))

@@ -4,13 +4,15 @@
 use crate::keys;
 use crate::role::Role;
 use serde::{Deserialize, Serialize};
-use std::fmt;
 use supertwin_core::Message;
 use supertwin_core::message::{Measurements, Nav, Reference, Thrust, Truth, WrenchRequest};
 
 /// What can be done with a key.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, strum::Display, strum::IntoStaticStr,
+)]
 #[serde(rename_all = "snake_case")]
+#[strum(serialize_all = "snake_case")]
 pub enum Verb {
     /// Publish on it.
     Put,
@@ -27,26 +29,13 @@ pub enum Verb {
 }
 
 impl Verb {
-    /// All of them.
+    /// All verbs, in the order of their letters in the matrix.
     pub const ALL: [Self; 6] = [Self::Put, Self::Subscribe, Self::Get, Self::Queryable, Self::Liveliness, Self::Delete];
 
     /// Its name, as in the documentation.
     #[must_use]
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Put => "put",
-            Self::Subscribe => "subscribe",
-            Self::Get => "get",
-            Self::Queryable => "queryable",
-            Self::Liveliness => "liveliness",
-            Self::Delete => "delete",
-        }
-    }
-}
-
-impl fmt::Display for Verb {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.name())
+        self.into()
     }
 }
 
@@ -93,6 +82,13 @@ impl AccessRow {
         parts.join("/")
     }
 
+    /// Letters of the verbs that a role may, in their order; a dot where it may not.
+    #[must_use]
+    pub fn letters(&self, role: Role) -> String {
+        let letter = |verb: Verb| verb.name().to_uppercase().chars().next().filter(|_| self.allows(role, verb));
+        Verb::ALL.map(|verb| letter(verb).unwrap_or('·')).iter().collect()
+    }
+
     /// Keys without the advanced publishers' suffix.
     #[must_use]
     pub fn bases(&self) -> Vec<String> {
@@ -109,38 +105,32 @@ pub const ABOARD: [&str; 4] = ["plant", "estimator", "controller", "shadow"];
 use Role::{Guidance, Observer, Operator, Recorder};
 use Verb::{Get, Liveliness, Put, Queryable, Subscribe};
 
-const HEAR: &[Verb] = &[Subscribe];
-const ASK: &[Verb] = &[Get];
-const HEAR_AND_ASK: &[Verb] = &[Subscribe, Get];
-const WRITE: &[Verb] = &[Put];
-const WRITE_AND_HEAR: &[Verb] = &[Put, Subscribe];
-const ANSWER: &[Verb] = &[Queryable];
-const LIVE: &[Verb] = &[Liveliness];
+const NONE: &[Verb] = &[];
+const SUBSCRIBE: &[Verb] = &[Subscribe];
+const GET: &[Verb] = &[Get];
+const SUBSCRIBE_GET: &[Verb] = &[Subscribe, Get];
+const SUBSCRIBE_GET_LIVELINESS: &[Verb] = &[Subscribe, Get, Liveliness];
+const PUT: &[Verb] = &[Put];
+const PUT_SUBSCRIBE: &[Verb] = &[Put, Subscribe];
+const QUERYABLE: &[Verb] = &[Queryable];
+const LIVELINESS: &[Verb] = &[Liveliness];
 /// What an advanced publisher does beside publishing: says its last number, answers for its cache, shows itself.
-const KEEP: &[Verb] = &[Put, Queryable, Liveliness];
-const KEEP_AND_READ: &[Verb] = &[Put, Subscribe, Get, Queryable, Liveliness];
-const SHOW: &[Verb] = &[Put, Get, Queryable];
+const ADVANCED_PUBLISHER: &[Verb] = &[Put, Queryable, Liveliness];
+/// The same, of one that also reads what others publish there.
+const ADVANCED_PUBLISHER_READER: &[Verb] = &[Put, Subscribe, Get, Queryable, Liveliness];
+const STATE: &[Verb] = &[Put, Get, Queryable];
 
-/// The three that look.
-fn readers(verbs: &'static [Verb]) -> Vec<(Role, &'static [Verb])> {
-    vec![(Operator, verbs), (Observer, verbs), (Recorder, verbs)]
+/// A row in which those who look, the operator, the observer and the recorder, may do `readers`, but for the rights of
+/// `others`.
+fn row(keys: &[String], readers: &'static [Verb], others: &[(Role, &'static [Verb])], why: &'static str) -> AccessRow {
+    let readers = [Operator, Observer, Recorder].map(|role| (role, readers)).into_iter();
+    let readers = readers.filter(|(role, _)| others.iter().all(|(other, _)| other != role));
+    AccessRow { keys: keys.to_vec(), family: None, why, rights: readers.chain(others.iter().copied()).collect() }
 }
 
-/// The three that look, with other rights for some.
-fn readers_and(verbs: &'static [Verb], others: &[(Role, &'static [Verb])]) -> Vec<(Role, &'static [Verb])> {
-    let mut rights = readers(verbs);
-    rights.retain(|(role, _)| others.iter().all(|(other, _)| other != role));
-    rights.extend_from_slice(others);
-    rights.sort_by_key(|(role, _)| *role);
-    rights
-}
-
-fn row(keys: &[String], family: Option<String>, rights: Vec<(Role, &'static [Verb])>, why: &'static str) -> AccessRow {
-    AccessRow { keys: keys.to_vec(), family, why, rights }
-}
-
-fn one(key: &str, rights: Vec<(Role, &'static [Verb])>, why: &'static str) -> AccessRow {
-    row(&[key.to_owned()], None, rights, why)
+/// The same rows below a pattern that includes them and their relatives.
+fn family<const N: usize>(pattern: &str, rows: [AccessRow; N]) -> [AccessRow; N] {
+    rows.map(|row| AccessRow { family: Some(pattern.to_owned()), ..row })
 }
 
 /// The whole matrix. What stands in no row is for the vehicle's own services alone; another vehicle's keys are for nobody.
@@ -155,201 +145,121 @@ pub fn matrix() -> Vec<AccessRow> {
 
 /// The ring's wires and what steers them.
 fn wires() -> Vec<AccessRow> {
-    let truth = Truth::KEY.to_owned();
+    let one = |key: &str| [key.to_owned()];
+    let missed = |key: &str| row(&[keys::advanced(key)], SUBSCRIBE_GET, &[], "what was missed of it can be asked for");
+    let (measurements, truth) = (keys::shadow(Measurements::KEY), keys::shadow(Truth::KEY));
+    let missed_shadow = missed(&truth);
+    let steers = "an external controller is an operator: it steers, and its messages carry no token";
+    let joystick = "a joystick; each message carries the holder's token, so that not even a recorder may read it";
     vec![
-        one(Measurements::KEY, readers(HEAR), "only the plant, or a real vehicle's driver, says what was measured"),
-        one(&truth, readers(HEAR), "for recordings and scores; the brain never sees it"),
-        row(&[keys::advanced(&truth)], None, readers(HEAR_AND_ASK), "what was missed of it can be asked for"),
         row(
-            &[keys::shadow(Measurements::KEY), keys::shadow(Truth::KEY)],
-            None,
-            readers(HEAR),
-            "the twin beside a real vehicle: for those who look",
+            &one(Measurements::KEY),
+            SUBSCRIBE,
+            &[],
+            "only the plant, or a real vehicle's driver, says what was measured",
         ),
-        row(
-            &[keys::advanced(&keys::shadow(Truth::KEY))],
-            None,
-            readers(HEAR_AND_ASK),
-            "what was missed of it can be asked for",
-        ),
-        one(Nav::KEY, readers_and(HEAR, &[(Guidance, HEAR)]), "whoever forges navigation steers the vehicle"),
-        one(Reference::KEY, readers_and(HEAR, &[(Guidance, WRITE)]), "guidance alone writes where to go"),
-        one(Thrust::KEY, readers(HEAR), "the controller alone drives the thrusters"),
-        one(
-            WrenchRequest::KEY,
-            vec![(Operator, WRITE_AND_HEAR), (Recorder, HEAR)],
-            "an external controller is an operator: it steers, and its messages carry no token",
-        ),
-        one(
-            &keys::setpoint("*"),
-            vec![(Guidance, HEAR), (Operator, WRITE)],
-            "a joystick; each message carries the holder's token, so that not even a recorder may read it",
-        ),
+        row(&one(Truth::KEY), SUBSCRIBE, &[], "for recordings and scores; the brain never sees it"),
+        missed(Truth::KEY),
+        row(&[measurements, truth], SUBSCRIBE, &[], "the twin beside a real vehicle: for those who look"),
+        missed_shadow,
+        row(&one(Nav::KEY), SUBSCRIBE, &[(Guidance, SUBSCRIBE)], "whoever forges navigation steers the vehicle"),
+        row(&one(Reference::KEY), SUBSCRIBE, &[(Guidance, PUT)], "guidance alone writes where to go"),
+        row(&one(Thrust::KEY), SUBSCRIBE, &[], "the controller alone drives the thrusters"),
+        row(&one(WrenchRequest::KEY), NONE, &[(Operator, PUT_SUBSCRIBE), (Recorder, SUBSCRIBE)], steers),
+        row(&[keys::setpoint("*")], NONE, &[(Guidance, SUBSCRIBE), (Operator, PUT)], joystick),
     ]
 }
 
 /// What services say about themselves.
 fn published_by_services() -> Vec<AccessRow> {
-    let aboard = |key: fn(&str) -> String| ABOARD.map(key).to_vec();
-    let with_router = |key: fn(&str) -> String| [aboard(key), vec![key("router")]].concat();
-    let advanced = |keys: &[String]| keys.iter().map(|key| keys::advanced(key)).collect::<Vec<_>>();
-    let (telemetry, event) = (aboard(keys::telemetry), with_router(keys::event));
-    let (telemetry_all, event_all) = (keys::advanced(&keys::telemetry("*")), keys::advanced(&keys::event("*")));
-    let guidance = |key: fn(&str) -> String| key("guidance");
+    let with_router = |key: fn(&str) -> String| [&ABOARD.map(key)[..], &[key("router")]].concat();
+    let telemetry_cache = |service: &str| keys::advanced(&keys::telemetry(service));
+    let event_cache = |service: &str| keys::advanced(&keys::event(service));
     let state = |service: &str| keys::state(service, "**");
-    vec![
-        one(
-            &guidance(keys::telemetry),
-            readers_and(HEAR, &[(Guidance, WRITE)]),
-            "everything that guidance shows at a tick",
-        ),
-        row(&telemetry, None, readers(HEAR), "everything that a service shows at a tick"),
-        row(
-            &[keys::advanced(&guidance(keys::telemetry))],
-            Some(telemetry_all.clone()),
-            readers_and(HEAR_AND_ASK, &[(Guidance, KEEP)]),
-            "guidance answers for what was missed",
-        ),
-        row(&advanced(&telemetry), Some(telemetry_all), readers(HEAR_AND_ASK), "what was missed can be asked for"),
-        one(&guidance(keys::event), readers_and(HEAR, &[(Guidance, WRITE)]), "guidance writes its own history"),
-        one(
-            &keys::event("recorder"),
-            readers_and(HEAR, &[(Recorder, WRITE_AND_HEAR)]),
-            "a recorder writes its own history",
-        ),
-        row(&event, None, readers(HEAR), "what happened; nobody writes another's history"),
-        row(
-            &[keys::advanced(&guidance(keys::event))],
-            Some(event_all.clone()),
-            readers_and(HEAR_AND_ASK, &[(Guidance, KEEP)]),
-            "guidance answers for what was missed",
-        ),
-        row(
-            &[keys::advanced(&keys::event("recorder"))],
-            Some(event_all.clone()),
-            readers_and(HEAR_AND_ASK, &[(Recorder, KEEP_AND_READ)]),
-            "a recorder answers for what was missed",
-        ),
-        row(&advanced(&event), Some(event_all), readers(HEAR_AND_ASK), "what was missed can be asked for"),
-        one(&guidance(keys::health), readers_and(HEAR, &[(Guidance, WRITE)]), "guidance's own counters"),
-        one(&keys::health("recorder"), readers_and(HEAR, &[(Recorder, WRITE_AND_HEAR)]), "a recorder's own counters"),
-        row(&with_router(keys::health), None, readers(HEAR), "counters, once a second"),
-        one(
-            keys::LEASE_STATE,
-            readers_and(HEAR_AND_ASK, &[(Guidance, HEAR_AND_ASK)]),
-            "the services believe it: its keeper on the vehicle alone writes and answers it",
-        ),
-        row(
-            &[state("guidance")],
-            Some(state("*")),
-            readers_and(HEAR_AND_ASK, &[(Guidance, SHOW)]),
-            "last commands, parameters, run and tick, as guidance knows them",
-        ),
-        row(
-            &ABOARD.map(state),
-            Some(state("*")),
-            readers_and(HEAR_AND_ASK, &[(Guidance, ASK)]),
-            "last commands, parameters, run and tick; guidance asks when it starts anew",
-        ),
-    ]
+    let (guidance, recorder) = (|verbs| [(Guidance, verbs)], |verbs| [(Recorder, verbs)]);
+    let (missed, answers) = ("what was missed can be asked for", "guidance answers for what was missed");
+    let mut rows = vec![
+        row(&[keys::telemetry("guidance")], SUBSCRIBE, &guidance(PUT), "everything that guidance shows at a tick"),
+        row(&ABOARD.map(keys::telemetry), SUBSCRIBE, &[], "everything that a service shows at a tick"),
+    ];
+    let caches = [
+        row(&[telemetry_cache("guidance")], SUBSCRIBE_GET, &guidance(ADVANCED_PUBLISHER), answers),
+        row(&ABOARD.map(telemetry_cache), SUBSCRIBE_GET, &[], missed),
+    ];
+    rows.extend(family(&telemetry_cache("*"), caches));
+    rows.extend([
+        row(&[keys::event("guidance")], SUBSCRIBE, &guidance(PUT), "guidance writes its own history"),
+        row(&[keys::event("recorder")], SUBSCRIBE, &recorder(PUT_SUBSCRIBE), "a recorder writes its own history"),
+        row(&with_router(keys::event), SUBSCRIBE, &[], "what happened; nobody writes another's history"),
+    ]);
+    let recorders = recorder(ADVANCED_PUBLISHER_READER);
+    let caches = [
+        row(&[event_cache("guidance")], SUBSCRIBE_GET, &guidance(ADVANCED_PUBLISHER), answers),
+        row(&[event_cache("recorder")], SUBSCRIBE_GET, &recorders, "a recorder answers for what was missed"),
+        row(&with_router(event_cache), SUBSCRIBE_GET, &[], missed),
+    ];
+    rows.extend(family(&event_cache("*"), caches));
+    let believed = "the services believe it: its keeper on the vehicle alone writes and answers it";
+    rows.extend([
+        row(&[keys::health("guidance")], SUBSCRIBE, &guidance(PUT), "guidance's own counters"),
+        row(&[keys::health("recorder")], SUBSCRIBE, &recorder(PUT_SUBSCRIBE), "a recorder's own counters"),
+        row(&with_router(keys::health), SUBSCRIBE, &[], "counters, once a second"),
+        row(&[keys::LEASE_STATE.to_owned()], SUBSCRIBE_GET, &guidance(SUBSCRIBE_GET), believed),
+    ]);
+    let own = "last commands, parameters, run and tick, as guidance knows them";
+    let others = "last commands, parameters, run and tick; guidance asks when it starts anew";
+    let states = [
+        row(&[state("guidance")], SUBSCRIBE_GET, &guidance(STATE), own),
+        row(&ABOARD.map(state), SUBSCRIBE_GET, &guidance(GET), others),
+    ];
+    rows.extend(family(&state("*"), states));
+    rows
 }
 
 /// Questions that services answer.
 fn queried() -> Vec<AccessRow> {
     let command = |service: &str| keys::command(service, "*");
     let param = |service: &str| keys::param(service, "**");
+    let (asked, of_guidance) = (&[(Operator, GET)], &[(Guidance, QUERYABLE), (Operator, GET)]);
+    let stop = "the emergency stop: any operator, with or without the lease";
+    let commands = "guidance obeys whom the lease allows; who answers in its place learns the token";
+    let parameters =
+        "setting needs the lease; reading and setting are one key, others read the state called parameters";
     vec![
-        one(
-            &keys::command("controller", "neutral"),
-            vec![(Operator, ASK)],
-            "the emergency stop: any operator, with or without the lease",
-        ),
-        one(
-            &command("guidance"),
-            vec![(Guidance, ANSWER), (Operator, ASK)],
-            "guidance obeys whom the lease allows; who answers in its place learns the token",
-        ),
-        row(&ABOARD.map(command), None, vec![(Operator, ASK)], "the services obey whom the lease allows"),
-        one(
-            &param("guidance"),
-            vec![(Guidance, ANSWER), (Operator, ASK)],
-            "setting needs the lease; reading and setting are one key, others read the state called parameters",
-        ),
-        row(
-            &ABOARD.map(param),
-            None,
-            vec![(Operator, ASK)],
-            "setting needs the lease; reading and setting are one key, others read the state called parameters",
-        ),
-        one(keys::LEASE, vec![(Operator, ASK)], "one operator at a time; the keeper on the vehicle decides"),
-        one(keys::PING, readers(ASK), "clock offset and round trip"),
+        row(&[keys::command("controller", "neutral")], NONE, asked, stop),
+        row(&[command("guidance")], NONE, of_guidance, commands),
+        row(&ABOARD.map(command), NONE, asked, "the services obey whom the lease allows"),
+        row(&[param("guidance")], NONE, of_guidance, parameters),
+        row(&ABOARD.map(param), NONE, asked, parameters),
+        row(&[keys::LEASE.to_owned()], NONE, asked, "one operator at a time; the keeper on the vehicle decides"),
+        row(&[keys::PING.to_owned()], GET, &[], "clock offset and round trip"),
     ]
 }
 
 /// Signs of life, and lock step.
 fn liveliness() -> Vec<AccessRow> {
     let alive = |service: &str| keys::alive(service, "*");
-    let family = Some(keys::alive("*", "*"));
-    vec![
-        row(
-            &[keys::operator("*")],
-            family.clone(),
-            readers_and(HEAR_AND_ASK, &[(Operator, &[Subscribe, Get, Liveliness])]),
-            "a lease ends with its holder's sign of life",
-        ),
-        row(
-            &[alive("guidance")],
-            family.clone(),
-            readers_and(HEAR_AND_ASK, &[(Guidance, LIVE)]),
-            "guidance shows that it is up",
-        ),
-        row(
-            &[alive("recorder")],
-            family.clone(),
-            readers_and(HEAR_AND_ASK, &[(Recorder, &[Subscribe, Get, Liveliness])]),
-            "a recorder shows that it is up",
-        ),
-        row(
-            &ABOARD.into_iter().chain(["router"]).map(alive).collect::<Vec<_>>(),
-            family,
-            readers(HEAR_AND_ASK),
-            "who is up",
-        ),
-        one(
-            &keys::stop("guidance"),
-            readers_and(HEAR, &[(Guidance, WRITE_AND_HEAR)]),
-            "lock step: guidance may end the run",
-        ),
-        row(
-            &ABOARD.map(keys::stop),
-            None,
-            readers_and(HEAR, &[(Guidance, HEAR)]),
-            "lock step: the run is over, and why",
-        ),
-        one(&keys::witness("*"), vec![(Recorder, WRITE_AND_HEAR)], "lock step: receipts that the ring waits for"),
-        one(UNLISTED, Vec::new(), "whatever else: the vehicle's own services only"),
-    ]
+    let services = [&ABOARD.map(alive)[..], &[alive("router")]].concat();
+    let [operator, recorder] = [Operator, Recorder].map(|role| [(role, SUBSCRIBE_GET_LIVELINESS)]);
+    let signs = [
+        row(&[keys::operator("*")], SUBSCRIBE_GET, &operator, "a lease ends with its holder's sign of life"),
+        row(&[alive("guidance")], SUBSCRIBE_GET, &[(Guidance, LIVELINESS)], "guidance shows that it is up"),
+        row(&[alive("recorder")], SUBSCRIBE_GET, &recorder, "a recorder shows that it is up"),
+        row(&services, SUBSCRIBE_GET, &[], "who is up"),
+    ];
+    let receipts = "lock step: receipts that the ring waits for";
+    let mut rows = family(&alive("*"), signs).to_vec();
+    rows.extend([
+        row(&[keys::stop("guidance")], SUBSCRIBE, &[(Guidance, PUT_SUBSCRIBE)], "lock step: guidance may end the run"),
+        row(&ABOARD.map(keys::stop), SUBSCRIBE, &[(Guidance, SUBSCRIBE)], "lock step: the run is over, and why"),
+        row(&[keys::witness("*")], NONE, &[(Recorder, PUT_SUBSCRIBE)], receipts),
+        row(&[UNLISTED.to_owned()], NONE, &[], "whatever else: the vehicle's own services only"),
+    ]);
+    rows
 }
 
 /// Stands for every key that the matrix does not name.
 const UNLISTED: &str = "unlisted/**";
-
-/// The roles that the matrix distinguishes, in the order of its columns.
-pub const COLUMNS: [Role; 5] = [Role::Vehicle, Guidance, Operator, Observer, Recorder];
-
-/// Letters of the verbs, in their order; a dot where it may not.
-#[must_use]
-pub fn letters(row: &AccessRow, role: Role) -> String {
-    let letter = |verb: Verb| match verb {
-        Put => 'P',
-        Subscribe => 'S',
-        Get => 'G',
-        Queryable => 'Q',
-        Liveliness => 'L',
-        Verb::Delete => 'D',
-    };
-    Verb::ALL.iter().map(|verb| if row.allows(role, *verb) { letter(*verb) } else { '·' }).collect()
-}
 
 #[cfg(test)]
 mod tests {

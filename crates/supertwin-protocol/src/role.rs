@@ -7,8 +7,11 @@ use std::fmt;
 use std::str::FromStr;
 
 /// What a program may do, beyond what its link lets through.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, strum::Display, strum::IntoStaticStr,
+)]
 #[serde(rename_all = "snake_case")]
+#[strum(serialize_all = "snake_case")]
 pub enum Role {
     /// The vehicle's own router and services.
     Vehicle,
@@ -23,31 +26,19 @@ pub enum Role {
 }
 
 impl Role {
-    /// All of them.
+    /// All roles, in the order of the matrix's columns.
     pub const ALL: [Self; 5] = [Self::Vehicle, Self::Guidance, Self::Operator, Self::Observer, Self::Recorder];
 
     /// Its name, as in common names and on the command line.
     #[must_use]
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Vehicle => "vehicle",
-            Self::Guidance => "guidance",
-            Self::Operator => "operator",
-            Self::Observer => "observer",
-            Self::Recorder => "recorder",
-        }
+        self.into()
     }
 
     /// Whether others connect to it: its certificate names hosts, and theirs must not be able to stand for it.
     #[must_use]
     pub fn listens(self) -> bool {
         self == Self::Vehicle
-    }
-}
-
-impl fmt::Display for Role {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.name())
     }
 }
 

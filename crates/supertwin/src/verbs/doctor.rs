@@ -86,7 +86,7 @@ fn matrix(proofs: &[Proof]) -> String {
     let rows = access::matrix();
     let cells = rows.iter().map(|row| {
         let cell = |proof: &Proof| -> String {
-            let letters = access::letters(row, proof.role);
+            let letters = row.letters(proof.role);
             let of_row = proof.attempts.iter().filter(|attempt| attempt.keys == row.keys);
             letters.chars().zip(of_row).map(|(letter, attempt)| mark(letter, attempt)).collect()
         };

@@ -9,7 +9,7 @@ use std::process::ExitCode;
 use supertwin_operations::OperationError;
 use supertwin_operations::save;
 use supertwin_operations::zenoh_settings::{self, SettingsOptions};
-use supertwin_protocol::access::{self, AccessRow, COLUMNS};
+use supertwin_protocol::access::{self, AccessRow};
 use supertwin_protocol::role::Role;
 
 /// Arguments of `zenoh-config`.
@@ -110,10 +110,10 @@ fn matrix(arguments: &ZenohConfigArguments) -> String {
     if arguments.json {
         return zenoh_settings::matrix_json(&rows).to_string();
     }
-    let header: Vec<&str> = ["key"].into_iter().chain(COLUMNS.map(Role::name)).chain(["why"]).collect();
+    let header: Vec<&str> = ["key"].into_iter().chain(Role::ALL.map(Role::name)).chain(["why"]).collect();
     let cells = |keys: &[String], row: &AccessRow, mark: &str| -> Vec<String> {
         let keys = keys.iter().map(|key| format!("{mark}{key}{mark}")).collect::<Vec<_>>().join(", ");
-        let verbs = COLUMNS.map(|role| format!("{mark}{}{mark}", access::letters(row, role)));
+        let verbs = Role::ALL.map(|role| format!("{mark}{}{mark}", row.letters(role)));
         [keys].into_iter().chain(verbs).chain([row.why.to_owned()]).collect()
     };
     if arguments.markdown {
