@@ -8,31 +8,11 @@ use crate::{Block, Input, Message, Tick};
 use core::any::Any;
 use core::marker::PhantomData;
 
-/// Which message tick k calls fresh.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Timing {
-    /// The one made at tick k.
-    SameTick,
-    /// The one made at tick k−1: the unit delay.
-    TickBefore,
-}
-
-impl Timing {
-    /// Tick of the message that step k calls fresh; `None` at the first tick of a delayed wire.
-    #[must_use]
-    pub fn expected(self, k: u64) -> Option<u64> {
-        match self {
-            Self::SameTick => Some(k),
-            Self::TickBefore => k.checked_sub(1),
-        }
-    }
-}
-
 /// How a wire ends at a block.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PortRule {
-    /// Which message is fresh.
-    pub timing: Timing,
+    /// Step k calls the message fresh that was made so many ticks before: 0, or 1 for the unit delay.
+    pub delay: u64,
     /// Its arrival starts a step in real time.
     pub trigger: bool,
     /// Lock step waits for it.
@@ -43,15 +23,21 @@ pub struct PortRule {
 
 impl PortRule {
     /// The newest, held until a newer one comes.
-    pub const NEWEST: Self = Self { timing: Timing::SameTick, trigger: false, required: true, keep: 1 };
+    pub const NEWEST: Self = Self { delay: 0, trigger: false, required: true, keep: 1 };
     /// The newest, and its arrival starts a step.
     pub const TRIGGER: Self = Self { trigger: true, ..Self::NEWEST };
     /// The newest of the tick before.
-    pub const BEFORE: Self = Self { timing: Timing::TickBefore, ..Self::NEWEST };
+    pub const BEFORE: Self = Self { delay: 1, ..Self::NEWEST };
     /// The newest, if somebody sends one.
     pub const OPTIONAL: Self = Self { required: false, ..Self::NEWEST };
     /// All since the last step, in order; their arrival starts a step.
     pub const EVERY: Self = Self { keep: 64, ..Self::TRIGGER };
+
+    /// Tick of the message that step k calls fresh; `None` at the first tick of a delayed wire.
+    #[must_use]
+    pub fn expected(self, k: u64) -> Option<u64> {
+        k.checked_sub(self.delay)
+    }
 }
 
 /// What became of a message that was handed to a port.
@@ -65,58 +51,21 @@ pub enum Offered {
     Displaced,
 }
 
-/// The receiving end of a wire.
+/// What is known of a port, whatever its messages are.
 #[derive(Clone, Debug)]
-pub struct Port<M> {
-    rule: PortRule,
+pub struct PortState {
+    /// Key of the wire.
+    pub key: &'static str,
+    /// How the wire ends here.
+    pub rule: PortRule,
     made_at: Option<u64>,
-    /// In the order of their ticks; the last is the newest. Emptied by a step only when every one counts.
-    messages: Vec<M>,
-    /// The tick of each of them.
+    /// The tick of each message that is kept, in their order.
     ticks: Vec<u64>,
     /// The newest has been seen by a step: it is held, and no longer new.
     seen: bool,
 }
 
-impl<M> Port<M> {
-    /// Without a message yet.
-    #[must_use]
-    pub fn new(rule: PortRule) -> Self {
-        Self {
-            rule,
-            made_at: None,
-            messages: Vec::with_capacity(rule.keep),
-            ticks: Vec::with_capacity(rule.keep),
-            seen: false,
-        }
-    }
-
-    /// How the wire ends here.
-    #[must_use]
-    pub fn rule(&self) -> PortRule {
-        self.rule
-    }
-
-    /// Hands over the message made at tick `made_at`.
-    pub fn offer(&mut self, made_at: u64, message: M) -> Offered {
-        if self.made_at.is_some_and(|newest| made_at <= newest) {
-            return Offered::Old;
-        }
-        self.made_at = Some(made_at);
-        if core::mem::take(&mut self.seen) && self.rule.keep > 1 {
-            self.messages.clear();
-            self.ticks.clear();
-        }
-        let full = self.messages.len() >= self.rule.keep;
-        if full {
-            self.messages.remove(0);
-            self.ticks.remove(0);
-        }
-        self.messages.push(message);
-        self.ticks.push(made_at);
-        if full && self.rule.keep > 1 { Offered::Displaced } else { Offered::Taken }
-    }
-
+impl PortState {
     /// Tick of the newest message.
     #[must_use]
     pub fn made_at(&self) -> Option<u64> {
@@ -126,7 +75,7 @@ impl<M> Port<M> {
     /// Tick of the message that step k calls fresh; `None` at the first tick of a delayed wire.
     #[must_use]
     pub fn expected(&self, k: u64) -> Option<u64> {
-        self.rule.timing.expected(k)
+        self.rule.expected(k)
     }
 
     /// In lock step: step k needs nothing more from this wire.
@@ -135,11 +84,59 @@ impl<M> Port<M> {
         !self.rule.required || self.expected(k).is_none_or(|expected| self.made_at == Some(expected))
     }
 
+    /// Ticks of the messages that a step uses now: all new ones where every one counts, else the newest.
+    #[must_use]
+    pub fn used(&self) -> &[u64] {
+        if self.seen && self.rule.keep > 1 { &[] } else { &self.ticks }
+    }
+}
+
+/// The receiving end of a wire.
+#[derive(Clone, Debug)]
+pub struct Port<M> {
+    /// All but the messages.
+    pub state: PortState,
+    /// In the order of their ticks; the last is the newest. Emptied by a step only when every one counts.
+    messages: Vec<M>,
+}
+
+impl<M> Port<M> {
+    /// Without a message yet.
+    #[must_use]
+    pub fn new(key: &'static str, rule: PortRule) -> Self {
+        let ticks = Vec::with_capacity(rule.keep);
+        Self {
+            state: PortState { key, rule, made_at: None, ticks, seen: false },
+            messages: Vec::with_capacity(rule.keep),
+        }
+    }
+
+    /// Hands over the message made at tick `made_at`.
+    pub fn offer(&mut self, made_at: u64, message: M) -> Offered {
+        let state = &mut self.state;
+        if state.made_at.is_some_and(|newest| made_at <= newest) {
+            return Offered::Old;
+        }
+        state.made_at = Some(made_at);
+        if core::mem::take(&mut state.seen) && state.rule.keep > 1 {
+            self.messages.clear();
+            state.ticks.clear();
+        }
+        let full = self.messages.len() >= state.rule.keep;
+        if full {
+            self.messages.remove(0);
+            state.ticks.remove(0);
+        }
+        self.messages.push(message);
+        state.ticks.push(made_at);
+        if full && state.rule.keep > 1 { Offered::Displaced } else { Offered::Taken }
+    }
+
     /// The newest message as step k sees it.
     #[must_use]
     pub fn newest(&self, k: u64) -> Input<&M> {
-        match (self.made_at, self.messages.last()) {
-            (Some(made_at), Some(message)) if self.expected(k).is_some_and(|expected| made_at >= expected) => {
+        match (self.state.made_at, self.messages.last()) {
+            (Some(made_at), Some(message)) if self.state.expected(k).is_some_and(|expected| made_at >= expected) => {
                 Input::Fresh(message)
             }
             (Some(made_at), Some(message)) => Input::Held { value: message, made_at },
@@ -150,33 +147,14 @@ impl<M> Port<M> {
     /// Everything that arrived since the last step, in order.
     #[must_use]
     pub fn every(&self) -> &[M] {
-        if self.seen { &[] } else { &self.messages }
-    }
-
-    /// Ticks of the messages that a step uses now: all new ones where every one counts, else the newest.
-    #[must_use]
-    pub fn used(&self) -> &[u64] {
-        if self.seen && self.rule.keep > 1 { &[] } else { &self.ticks }
-    }
-
-    /// A step has seen what is here.
-    pub fn stepped(&mut self) {
-        self.seen = true;
-    }
-
-    /// Forgets everything: another run begins.
-    pub fn clear(&mut self) {
-        self.made_at = None;
-        self.messages.clear();
-        self.ticks.clear();
-        self.seen = false;
+        if self.state.seen { &[] } else { &self.messages }
     }
 }
 
 /// Walks over the ports of a block.
 pub trait PortVisitor {
-    /// The next port, always in the same order.
-    fn port<M: Message>(&mut self, port: &mut Port<M>);
+    /// The next port with its number, always in the same order.
+    fn port<M: Message>(&mut self, number: usize, port: &mut Port<M>);
 }
 
 /// Walks over the wires that end at a block.
@@ -187,13 +165,13 @@ pub trait WireVisitor {
 
 /// Takes messages of any type.
 pub trait MessageVisitor {
-    /// The next message.
+    /// The next message beside the output, always in the same order.
     fn message<M: Message>(&mut self, message: &M);
 }
 
 /// What arrives at a block, wire by wire.
 pub trait Wires<'a> {
-    /// The newest message.
+    /// The newest message of the next wire, as this step sees it.
     fn newest<M: Message>(&mut self, rule: PortRule) -> Input<&'a M>;
     /// All messages since the last step, in order.
     fn every<M: Message>(&mut self, rule: PortRule) -> &'a [M];
@@ -233,11 +211,19 @@ pub fn wires<B: Wired>(visitor: &mut impl WireVisitor) {
 /// A port of any message.
 trait AnyPort: Any + Send {
     fn boxed(&self) -> Box<dyn AnyPort>;
+    fn state(&self) -> &PortState;
+    fn state_mut(&mut self) -> &mut PortState;
 }
 
 impl<M: Message> AnyPort for Port<M> {
     fn boxed(&self) -> Box<dyn AnyPort> {
         Box::new(self.clone())
+    }
+    fn state(&self) -> &PortState {
+        &self.state
+    }
+    fn state_mut(&mut self) -> &mut PortState {
+        &mut self.state
     }
 }
 
@@ -258,7 +244,7 @@ impl<B: Wired> Default for Ports<B> {
         struct Opened(Vec<Box<dyn AnyPort>>);
         impl WireVisitor for Opened {
             fn wire<M: Message>(&mut self, rule: PortRule) {
-                self.0.push(Box::new(Port::<M>::new(rule)));
+                self.0.push(Box::new(Port::<M>::new(M::KEY, rule)));
             }
         }
         let mut opened = Opened(Vec::new());
@@ -268,18 +254,29 @@ impl<B: Wired> Default for Ports<B> {
 }
 
 impl<B: Wired> Ports<B> {
+    /// What is known of each port, in the order of the wires.
+    pub fn states(&self) -> impl Iterator<Item = &PortState> {
+        self.ports.iter().map(|port| port.state())
+    }
+
+    /// A step has seen what is here.
+    pub fn stepped(&mut self) {
+        self.ports.iter_mut().for_each(|port| port.state_mut().seen = true);
+    }
+
     /// Shows each port, in the order of the wires.
     pub fn visit(&mut self, visitor: &mut impl PortVisitor) {
-        struct Each<'p, V>(core::slice::IterMut<'p, Box<dyn AnyPort>>, &'p mut V);
+        struct Each<'p, V>(core::iter::Enumerate<core::slice::IterMut<'p, Box<dyn AnyPort>>>, &'p mut V);
         impl<V: PortVisitor> WireVisitor for Each<'_, V> {
             fn wire<M: Message>(&mut self, _: PortRule) {
-                let port = self.0.next().map(|port| &mut **port as &mut dyn Any);
-                if let Some(port) = port.and_then(|port| port.downcast_mut::<Port<M>>()) {
-                    self.1.port(port);
+                if let Some((number, port)) = self.0.next()
+                    && let Some(port) = (&mut **port as &mut dyn Any).downcast_mut::<Port<M>>()
+                {
+                    self.1.port(number, port);
                 }
             }
         }
-        wires::<B>(&mut Each(self.ports.iter_mut(), visitor));
+        wires::<B>(&mut Each(self.ports.iter_mut().enumerate(), visitor));
     }
 
     /// What `step` is handed at `tick`.
@@ -310,41 +307,41 @@ mod tests {
 
     #[test]
     fn a_port_holds_the_newest_and_knows_what_is_fresh() {
-        let mut port = Port::new(PortRule::NEWEST);
-        assert!(!port.ready(0));
+        let mut port = Port::new("wire", PortRule::NEWEST);
+        assert!(!port.state.ready(0));
         assert_eq!(port.newest(0), Input::Missing);
         assert_eq!(port.offer(3, 'c'), Offered::Taken);
         assert_eq!(port.offer(3, 'x'), Offered::Old);
         assert_eq!(port.offer(2, 'x'), Offered::Old);
-        assert!(port.ready(3) && !port.ready(4));
+        assert!(port.state.ready(3) && !port.state.ready(4));
         assert_eq!(port.newest(3), Input::Fresh(&'c'));
         assert_eq!(port.newest(5), Input::Held { value: &'c', made_at: 3 });
-        port.stepped();
-        assert_eq!(port.used(), [3], "what is held is used again");
+        port.state.seen = true;
+        assert_eq!(port.state.used(), [3], "what is held is used again");
     }
 
     #[test]
     fn a_delayed_port_needs_nothing_at_the_first_tick() {
-        let mut port = Port::new(PortRule::BEFORE);
-        assert!(port.ready(0) && !port.ready(1));
+        let mut port = Port::new("wire", PortRule::BEFORE);
+        assert!(port.state.ready(0) && !port.state.ready(1));
         port.offer(0, 'a');
-        assert!(port.ready(1));
+        assert!(port.state.ready(1));
         assert_eq!(port.newest(1), Input::Fresh(&'a'));
         assert_eq!(port.newest(2), Input::Held { value: &'a', made_at: 0 });
     }
 
     #[test]
     fn a_port_for_every_message_hands_each_over_once_and_counts_the_displaced() {
-        let mut port = Port::new(PortRule { keep: 2, ..PortRule::EVERY });
+        let mut port = Port::new("wire", PortRule { keep: 2, ..PortRule::EVERY });
         port.offer(1, 'a');
         port.offer(2, 'b');
-        assert_eq!((port.every(), port.used()), (&['a', 'b'][..], &[1, 2][..]));
-        port.stepped();
-        assert!(port.every().is_empty() && port.used().is_empty());
+        assert_eq!((port.every(), port.state.used()), (&['a', 'b'][..], &[1, 2][..]));
+        port.state.seen = true;
+        assert!(port.every().is_empty() && port.state.used().is_empty());
         assert_eq!(port.offer(3, 'c'), Offered::Taken);
         assert_eq!(port.every(), ['c']);
         port.offer(4, 'd');
         assert_eq!(port.offer(5, 'e'), Offered::Displaced);
-        assert_eq!((port.every(), port.used()), (&['d', 'e'][..], &[4, 5][..]));
+        assert_eq!((port.every(), port.state.used()), (&['d', 'e'][..], &[4, 5][..]));
     }
 }

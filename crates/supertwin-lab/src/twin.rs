@@ -113,7 +113,7 @@ impl Twin {
     /// When a quantity is no number.
     pub fn digest(&mut self, tick: Tick, probe: &mut DigestProbe) -> Result<u64, NonFinite> {
         around(&mut Hash { twin: self, probe });
-        if probe.take_finite() {
+        if probe.finish_tick() {
             return Ok(self.run_digest.fold(tick, self.digests));
         }
         match Snapshot::of(self).first_non_finite() {

@@ -65,7 +65,7 @@ impl RingWires {
         struct At<'a>(&'a RingWires, u64);
         impl<'a> Wires<'a> for At<'a> {
             fn newest<M: Message>(&mut self, rule: PortRule) -> Input<&'a M> {
-                self.0.wire().map_or(Input::Missing, |wire| wire.newest(rule.timing.expected(self.1)))
+                self.0.wire().map_or(Input::Missing, |wire| wire.newest(rule.expected(self.1)))
             }
             fn every<M: Message>(&mut self, rule: PortRule) -> &'a [M] {
                 match self.newest(rule) {
@@ -84,7 +84,7 @@ impl RingWires {
             fn wire<M: Message>(&mut self, rule: PortRule) {
                 let Some((made_at, _)) = self.0.wire::<M>().and_then(RingWire::delivered) else { return };
                 // Where every one counts, each counts once.
-                let new = rule.keep == 1 || rule.timing.expected(self.1) == Some(*made_at);
+                let new = rule.keep == 1 || rule.expected(self.1) == Some(*made_at);
                 self.2.push((M::KEY.to_owned(), new.then_some(*made_at).into_iter().collect()));
             }
         }

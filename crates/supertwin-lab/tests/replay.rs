@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use supertwin_core::digest::{DigestProbe, block_digest};
 use supertwin_core::message::{Nav, Thrust};
 use supertwin_core::run::Properties;
-use supertwin_core::source::{Kept, Label};
+use supertwin_core::source::{Label, RecordedRun};
 use supertwin_core::{Block, Observe, Port, PortRule, Ports, RunHeader, RunSink, Tick, signal};
 use supertwin_lab::mission::{Mission, Parts};
 use supertwin_lab::replay::{Messages, RING, Replay, ReplayError, Verification};
@@ -22,7 +22,7 @@ fn label(tick: u64, value: &serde_json::Value) -> Label {
 }
 
 /// A run as a recorder on a network would have kept it: with the account of every step.
-fn over_a_network(trial: &ResolvedTrial, ticks: u64) -> Kept {
+fn over_a_network(trial: &ResolvedTrial, ticks: u64) -> RecordedRun {
     let mut keeper = Keeper::default();
     let mut properties = run::properties(trial, 1, "realtime", &Properties::new());
     properties.remove("duration_s");
@@ -63,7 +63,7 @@ fn over_a_network(trial: &ResolvedTrial, ticks: u64) -> Kept {
     keeper.run
 }
 
-fn verify(kept: &Kept) -> Verification {
+fn verify(kept: &RecordedRun) -> Verification {
     Replay::new(kept, Messages::default()).expect("can be replayed").verify(None).expect("is replayed")
 }
 
@@ -72,7 +72,7 @@ fn exact(verification: &Verification) -> BTreeMap<&str, (u64, u64)> {
 }
 
 /// The recording without some of what one service told.
-fn without(kept: &Kept, service: &str, gone: impl Fn(i64) -> bool) -> Kept {
+fn without(kept: &RecordedRun, service: &str, gone: impl Fn(i64) -> bool) -> RecordedRun {
     let mut kept = kept.clone();
     kept.words.get_mut(&format!("step/{service}")).expect("is there").retain(|words| !gone(words.tick));
     for (path, columns) in kept.signals.iter_mut().filter(|(path, _)| path.starts_with(&format!("{service}/"))) {
@@ -200,7 +200,7 @@ fn a_plant_that_was_late_repeats_its_silent_steps() {
         keeper.tick(tick).expect("in memory");
         let out = plant.step(tick, ports.input(tick, supertwin_core::OperatorLink::Present));
         let digest = block_digest(&mut probe, &plant, &out);
-        probe.take_finite();
+        probe.finish_tick();
         if silent {
             continue;
         }
@@ -229,10 +229,10 @@ fn a_plant_that_was_late_repeats_its_silent_steps() {
 fn offer(ports: &mut Ports<Plant>, k: u64, thrust: &Thrust) {
     struct Offer<'a>(u64, &'a Thrust);
     impl supertwin_core::port::PortVisitor for Offer<'_> {
-        fn port<M: supertwin_core::Message>(&mut self, port: &mut Port<M>) {
+        fn port<M: supertwin_core::Message>(&mut self, _: usize, port: &mut Port<M>) {
             let message: &dyn std::any::Any = self.1;
             port.offer(self.0, message.downcast_ref::<M>().expect("the plant hears thrust").clone());
-            assert_eq!(port.rule(), PortRule::BEFORE);
+            assert_eq!(port.state.rule, PortRule::BEFORE);
         }
     }
     ports.visit(&mut Offer(k, thrust));

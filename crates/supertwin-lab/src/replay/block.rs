@@ -68,15 +68,12 @@ struct Feed<'a> {
     /// Ticks by key; without it, what was the newest at this tick.
     used: Option<&'a [(String, Vec<u64>)]>,
     k: u64,
-    at: usize,
     writers: &'a mut Vec<String>,
     missing: Option<(&'static str, u64)>,
 }
 
 impl PortVisitor for Feed<'_> {
-    fn port<M: Message>(&mut self, port: &mut Port<M>) {
-        let at = self.at;
-        self.at += 1;
+    fn port<M: Message>(&mut self, at: usize, port: &mut Port<M>) {
         if self.writers.len() <= at {
             self.writers.push(String::new());
         }
@@ -85,33 +82,26 @@ impl PortVisitor for Feed<'_> {
                 used.iter().find(|(key, _)| key == M::KEY).map(|(_, ticks)| ticks.clone()).unwrap_or_default()
             }
             None => {
-                let Some(until) = port.expected(self.k) else { return };
-                let mut ticks = self.messages.ticks::<M>(port.made_at(), until);
-                ticks.drain(..ticks.len().saturating_sub(port.rule().keep));
+                let Some(until) = port.state.expected(self.k) else { return };
+                let mut ticks = self.messages.ticks::<M>(port.state.made_at(), until);
+                ticks.drain(..ticks.len().saturating_sub(port.state.rule.keep));
                 ticks
             }
         };
         for tick in ticks {
             // What is held was offered before.
-            if port.made_at() == Some(tick) {
+            if port.state.made_at() == Some(tick) {
                 continue;
             }
             let message = self.messages.at::<M>(tick, &self.writers[at]);
             match message {
-                Some((source, message)) if port.made_at().is_none_or(|made_at| tick > made_at) => {
+                Some((source, message)) if port.state.made_at().is_none_or(|made_at| tick > made_at) => {
                     self.writers[at].clone_from(source);
                     port.offer(tick, message.clone());
                 }
                 _ => self.missing = self.missing.or(Some((M::KEY, tick))),
             }
         }
-    }
-}
-
-struct Stepped;
-impl PortVisitor for Stepped {
-    fn port<M: Message>(&mut self, port: &mut Port<M>) {
-        port.stepped();
     }
 }
 
@@ -189,11 +179,11 @@ impl<B: RingBlock> State<B> {
                 });
             }
         }
-        let mut feed = Feed { messages, used, k: tick.k, at: 0, writers: &mut self.writers, missing: None };
+        let mut feed = Feed { messages, used, k: tick.k, writers: &mut self.writers, missing: None };
         self.ports.visit(&mut feed);
         let missing = feed.missing;
         let out = self.block.step(tick, self.ports.input(tick, operator));
-        self.ports.visit(&mut Stepped);
+        self.ports.stepped();
         self.watch.after(tick, &self.block, &out, |event| events.push(event));
         Done { out, events, missing }
     }
@@ -315,7 +305,7 @@ impl Told<'_> {
         events.append(&mut done.events);
         done.events = events;
         let digest = block_digest(probe, &state.block, &done.out);
-        probe.take_finite();
+        probe.finish_tick();
         Attempt { state, done, digest, filled }
     }
 }

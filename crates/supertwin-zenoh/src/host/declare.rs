@@ -1,25 +1,24 @@
 //! What a host declares on its session: the wires it listens to, the questions it answers, the wire it writes.
 
-use super::ports::Keys;
 use super::{HostOptions, Pace, WireKind};
 use crate::mailbox::Mailbox;
 use crate::outbox::{Outbox, Outgoing};
 use crate::session::LinkError;
+use crate::transport::publisher;
 use std::sync::Arc;
-use supertwin_core::Wired;
+use supertwin_core::{Ports, Wired};
 use supertwin_protocol::keys;
 use supertwin_protocol::payload::STREAMS;
-use zenoh::bytes::{Encoding, ZBytes};
+use zenoh::bytes::ZBytes;
 use zenoh::pubsub::{Publisher, Subscriber};
-use zenoh::qos::{CongestionControl, Priority};
-use zenoh::query::Queryable;
+use zenoh::qos::Priority;
+use zenoh::query::{Query, Queryable};
 use zenoh::sample::SampleKind;
 use zenoh::{Session, Wait};
 
 /// The wires that a host listens to, by their number in the mailbox; the block's own come first.
-pub(super) fn wire_kinds<C>(ports: &Keys, options: &HostOptions<C>) -> Vec<(String, WireKind)> {
-    let mut kinds: Vec<_> =
-        ports.0.iter().enumerate().map(|(i, (key, _))| ((*key).to_owned(), WireKind::Port(i))).collect();
+pub(super) fn wire_kinds<B: Wired>(ports: &Ports<B>, options: &HostOptions<B::Command>) -> Vec<(String, WireKind)> {
+    let mut kinds: Vec<_> = ports.states().map(|port| (port.key.to_owned(), WireKind::Port)).collect();
     if options.takes_setpoints {
         kinds.extend(STREAMS.iter().enumerate().map(|(i, name)| (keys::setpoint(name), WireKind::Setpoint(i))));
     }
@@ -74,52 +73,36 @@ pub(super) fn queryables<B: Wired>(
     index: usize,
     outbox: &Outbox,
 ) -> Result<Vec<Queryable<()>>, LinkError> {
-    let mut queryables = Vec::new();
     let mut served = vec![
         keys::command(B::NAME, "*"),
         format!("{}/**", keys::param(B::NAME, "")),
         keys::held(B::NAME, "**"),
         keys::state(B::NAME, "now"),
     ];
-    if keeps_authority {
-        served.push(keys::LEASE.to_owned());
-        served.push(keys::PING.to_owned());
-    }
-    for key in served {
-        let mailbox = Arc::clone(mailbox);
-        let queryable = session
-            .declare_queryable(key.clone())
-            .complete(true)
-            .callback(move |query| {
-                let urgent = query.key_expr().as_str().ends_with("/neutral");
-                mailbox.request(index, query, urgent);
-            })
-            .wait()
-            .map_err(LinkError::session(format!("queryable {key}")))?;
-        queryables.push(queryable);
-    }
     let mut states = vec![keys::state(B::NAME, "*")];
     if keeps_authority {
+        served.extend([keys::LEASE.to_owned(), keys::PING.to_owned()]);
         states.push(keys::LEASE_STATE.to_owned());
     }
-    for key in states {
-        let slot = outbox.slot();
-        let queryable = session
-            .declare_queryable(key.clone())
-            .callback(move |query| slot.send(Outgoing::StateQuery(query)))
-            .wait()
-            .map_err(LinkError::session(format!("queryable {key}")))?;
-        queryables.push(queryable);
-    }
-    Ok(queryables)
+    let failed = |key: &str| LinkError::session(format!("queryable {key}"));
+    let serve = |key: String| {
+        let mailbox = Arc::clone(mailbox);
+        let answered = move |query: Query| {
+            let urgent = query.key_expr().as_str().ends_with("/neutral");
+            mailbox.request(index, query, urgent);
+        };
+        session.declare_queryable(&key).complete(true).callback(answered).wait().map_err(failed(&key))
+    };
+    let tell = |key: String| {
+        let outbox = Arc::clone(&outbox.shared);
+        let answered = move |query| outbox.send(Outgoing::StateQuery(query));
+        session.declare_queryable(&key).callback(answered).wait().map_err(failed(&key))
+    };
+    served.into_iter().map(serve).chain(states.into_iter().map(tell)).collect()
 }
 
 pub(super) fn wire_publisher(session: &Session, key: &str) -> Result<Publisher<'static>, LinkError> {
-    session
-        .declare_publisher(key.to_owned())
-        .encoding(Encoding::APPLICATION_JSON)
-        .congestion_control(CongestionControl::Drop)
-        .priority(Priority::InteractiveHigh)
+    publisher(session, key.to_owned(), Priority::InteractiveHigh)
         .express(true)
         .wait()
         .map_err(LinkError::session(format!("publisher {key}")))

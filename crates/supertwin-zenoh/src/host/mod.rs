@@ -14,15 +14,15 @@ mod step;
 use crate::mailbox::{Mailbox, Overflow};
 use crate::outbox::Outbox;
 use crate::session::LinkError;
+use crate::watch::Presence;
 use declare::{queryables, subscribe, wire_kinds, wire_publisher};
-use ports::{AsideKeys, Keys};
+use ports::AsideKeys;
 use schedule::REPEAT_FIRST;
 use state::{Counters, LapTimer, Operator, Sent, StepSchedule, WireKind, WireState, Witness};
 use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::Duration;
 use supertwin_core::digest::DigestProbe;
-use supertwin_core::port::wires;
 use supertwin_core::run::Properties;
 use supertwin_core::{EventKind, Message, OperatorLink, Ports, Severity, Tick, Watch, Wired};
 use supertwin_protocol::clock::Clock;
@@ -30,11 +30,11 @@ use supertwin_protocol::command_queue::CommandQueue;
 use supertwin_protocol::fault::{Fault, FaultRates};
 use supertwin_protocol::keys;
 use supertwin_protocol::lease::{Authority, LeaseView};
-use supertwin_protocol::telemetry::{AppliedBefore, SignalList, Used};
+use supertwin_protocol::telemetry::{AppliedBefore, SignalList};
+use zenoh::Session;
 use zenoh::bytes::ZBytes;
 use zenoh::pubsub::{Publisher, Subscriber};
 use zenoh::query::{Query, Queryable};
-use zenoh::{Session, Wait};
 
 /// Telemetry that a recorder can ask for after it was cut off: ten seconds at 50 Hz.
 const TELEMETRY_CACHE: usize = 500;
@@ -155,9 +155,8 @@ pub struct Host<B: Wired> {
     output: Option<(u64, B::Out, u64)>,
     telemetry: Option<Vec<u8>>,
     signals: SignalList,
-    used: Used,
     sent: Sent,
-    heard_at: Duration,
+    received_at: Duration,
     lap: LapTimer,
     fault: Option<Fault>,
     witnesses: Vec<Witness>,
@@ -180,7 +179,7 @@ pub struct Host<B: Wired> {
     // Kept for what dropping them would undo.
     _subscribers: Vec<Subscriber<()>>,
     _queryables: Vec<Queryable<()>>,
-    _token: zenoh::liveliness::LivelinessToken,
+    _token: Presence,
 }
 
 impl<B: Wired + 'static> Host<B> {
@@ -196,8 +195,7 @@ impl<B: Wired + 'static> Host<B> {
         index: usize,
         clock: Arc<dyn Clock>,
     ) -> Result<Self, LinkError> {
-        let mut keys = Keys(Vec::new());
-        wires::<B>(&mut keys);
+        let ports = Ports::default();
         let mut asides = AsideKeys(Vec::new());
         block.asides(&mut asides);
         let mut droppable = vec![keys::telemetry(B::NAME)];
@@ -208,15 +206,11 @@ impl<B: Wired + 'static> Host<B> {
         let publisher = wire_publisher(session, B::Out::KEY)?;
         let stop_publisher = wire_publisher(session, &keys::stop(B::NAME))?;
 
-        let kinds = wire_kinds(&keys, &options);
+        let kinds = wire_kinds(&ports, &options);
         let subscribers = subscribe(session, &kinds, mailbox, index)?;
         let silence = options.silence();
         let wires = kinds.iter().map(|(_, kind)| WireState::new(*kind, silence)).collect();
-        let token = session
-            .liveliness()
-            .declare_token(keys::alive(B::NAME, &options.instance))
-            .wait()
-            .map_err(LinkError::session("liveliness token"))?;
+        let token = Presence::show(session, &keys::alive(B::NAME, &options.instance))?;
 
         let now = clock.now();
         let owner = B::OWNS_TIME;
@@ -224,7 +218,7 @@ impl<B: Wired + 'static> Host<B> {
             watch: Watch::new(&block),
             pristine: block.clone(),
             block,
-            ports: Ports::default(),
+            ports,
             wires,
             probe: DigestProbe::default(),
             commands: CommandQueue::new(&options.mission),
@@ -235,9 +229,8 @@ impl<B: Wired + 'static> Host<B> {
             output: None,
             telemetry: None,
             signals: SignalList::default(),
-            used: Used::default(),
             sent: Sent::default(),
-            heard_at: now,
+            received_at: now,
             lap: LapTimer { began: now, shortest: Duration::ZERO, sent_at: now, repeat_after: REPEAT_FIRST },
             fault: options.faults.map(|rates| Fault::new(rates, B::NAME)),
             witnesses: options
@@ -276,10 +269,7 @@ impl<B: Wired + 'static> Host<B> {
         }
         // Only now, when it knows the run: who asks before would wait for an answer that nobody gives yet.
         host._queryables = queryables::<B>(session, host.options.keeps_authority, mailbox, index, &host.outbox)?;
-        if let Some(authority) = &host.operator.authority {
-            let state = authority.state(&host.source, now);
-            host.tell_state(keys::LEASE_STATE.to_owned(), &state);
-        }
+        host.tell_lease();
         host.tell_parameters();
         host.tell_state("run".to_owned(), &host.options.about);
         Ok(host)
@@ -361,7 +351,7 @@ impl<B: Wired + 'static> Hosted for Host<B> {
 
     fn progress(&self) -> (u64, Duration) {
         let since = self.began_at.map_or(Duration::ZERO, |began| self.lap.sent_at.saturating_sub(began));
-        (self.counters.steps.steps, since)
+        (self.counters.health.steps, since)
     }
 
     fn digests(&mut self) -> &mut VecDeque<(u64, u64)> {

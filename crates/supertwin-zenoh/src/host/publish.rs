@@ -1,6 +1,5 @@
 //! What a host says: events, states, refusals, the end.
 
-use super::ports::with;
 use super::{Ending, Host};
 use crate::outbox::Outgoing;
 use serde::Serialize;
@@ -8,6 +7,7 @@ use std::borrow::Cow;
 use std::time::Duration;
 use supertwin_core::{Event, EventKind, Severity, Wired};
 use supertwin_protocol::envelope::{Envelope, encode};
+use supertwin_protocol::keys;
 use supertwin_protocol::payload::Stop;
 use zenoh::Wait;
 
@@ -18,23 +18,13 @@ impl<B: Wired + 'static> Host<B> {
     }
 
     pub(super) fn header(&self, k: u64, seq: u64) -> Envelope<'_, ()> {
-        Envelope {
-            run: Cow::Borrowed(&self.run),
-            source: Cow::Borrowed(&self.source),
-            tick: k,
-            seq,
-            sim_time_s: self.tick(k).t_s(),
-            clock_ns: self.clock.unix_ns(),
-            digest: None,
-            repeat: false,
-            data: (),
-        }
+        Envelope::new(&self.run, &self.source, self.tick(k), seq, self.clock.unix_ns())
     }
 
     pub(super) fn tell(&mut self, event: &Event) {
         self.sent.events += 1;
         let mut payload = Vec::with_capacity(256);
-        if encode(&with(&self.header(event.tick, self.sent.events), event), &mut payload).is_ok() {
+        if encode(&self.header(event.tick, self.sent.events).with(event), &mut payload).is_ok() {
             self.outbox.send(Outgoing::Event(payload));
         }
     }
@@ -42,6 +32,13 @@ impl<B: Wired + 'static> Host<B> {
     pub(super) fn tell_state(&self, name: String, state: &impl Serialize) {
         if let Ok(payload) = serde_json::to_vec(state) {
             self.outbox.send(Outgoing::State(name, payload));
+        }
+    }
+
+    /// In the host that grants the lease: tells the others how it stands.
+    pub(super) fn tell_lease(&self) {
+        if let Some(authority) = &self.operator.authority {
+            self.tell_state(keys::LEASE_STATE.to_owned(), &authority.state(&self.source, self.now));
         }
     }
 

@@ -1,13 +1,14 @@
 //! What arrives: messages on ports, set-points, the lease, witnesses, the end of a run.
 
-use super::ports::{Clear, Deliver, Delivered};
+use super::ports::{Deliver, Delivered};
+use super::request::read;
+use super::state::Stream;
 use super::{Ending, Host, Pace, StepSchedule, WireKind};
 use serde_json::json;
 use std::time::Duration;
-use supertwin_core::{EventKind, Severity, Watch, Wired};
+use supertwin_core::{EventKind, Ports, Severity, Watch, Wired};
 use supertwin_protocol::command_queue::{CommandQueue, MAX_REQUEST};
-use supertwin_protocol::keys;
-use supertwin_protocol::lease::{Authority, LeaseState, LeaseView};
+use supertwin_protocol::lease::{LeaseState, LeaseView};
 use supertwin_protocol::payload::{STREAMS, Seen, Stop, StreamedSetpoint};
 use zenoh::bytes::ZBytes;
 
@@ -17,38 +18,32 @@ const FUTURE_S: f64 = 1.0;
 impl<B: Wired + 'static> Host<B> {
     pub(super) fn wire(&mut self, number: usize, payload: &ZBytes) {
         match self.wires[number].kind {
-            WireKind::Port(i) => self.port(number, i, payload),
+            WireKind::Port => self.port(number, payload),
             WireKind::Setpoint(i) => self.streamed(i, &payload.to_bytes()),
             WireKind::Lease => self.lease_state(&payload.to_bytes()),
             WireKind::Stop => self.stop(&payload.to_bytes()),
             WireKind::Witness => self.witness(&payload.to_bytes()),
             WireKind::Operator => {
-                let gone = payload.to_bytes();
-                let client = String::from_utf8_lossy(&gone).into_owned();
-                let now = self.now;
-                if let Some(authority) = &mut self.operator.authority
-                    && authority.vanished(&client)
-                {
-                    let state = authority.state(&self.source, now);
-                    self.tell_state(keys::LEASE_STATE.to_owned(), &state);
+                let client = String::from_utf8_lossy(&payload.to_bytes()).into_owned();
+                if self.operator.authority.as_mut().is_some_and(|authority| authority.vanished(&client)) {
+                    self.tell_lease();
                     self.note(Severity::Warning, EventKind::OperatorVanished { client });
                 }
             }
         }
     }
 
-    pub(super) fn port(&mut self, number: usize, i: usize, payload: &ZBytes) {
+    pub(super) fn port(&mut self, number: usize, payload: &ZBytes) {
         let now = self.now;
-        let elapsed_s = now.saturating_sub(self.heard_at).as_secs_f64();
+        let elapsed_s = now.saturating_sub(self.received_at).as_secs_f64();
         let factor = if let Pace::RealTime(factor) = self.options.pace { factor } else { 1.0 };
         let ahead = (elapsed_s * factor + FUTURE_S) / self.options.tick_s;
         // Before its first step a service has no idea of the tick, even when a message has told it the run.
         let known = self.output.is_some() || B::OWNS_TIME;
         let bytes = payload.to_bytes();
-        let was_source = self.wires[number].ledger.source().to_owned();
+        let was_source = self.wires[number].ledger.source.clone();
         let mut deliver = Deliver {
-            wanted: i,
-            at: 0,
+            wanted: number,
             payload: &bytes,
             ledger: &mut self.wires[number].ledger,
             run: &mut self.run,
@@ -67,7 +62,7 @@ impl<B: Wired + 'static> Host<B> {
             Delivered::Left { repeat } => self.answer_repetition(repeat, now),
             Delivered::Changed { source, run, tick } => self.changed(&was_source, &source, &run, tick, payload),
             Delivered::Taken { tick, clock_ns, trigger, gap, takeover } => {
-                self.heard_at = now;
+                self.received_at = now;
                 let late_ns = self.clock.unix_ns().saturating_sub(clock_ns);
                 let wire = &mut self.wires[number];
                 wire.held = Some(payload.clone());
@@ -79,7 +74,7 @@ impl<B: Wired + 'static> Host<B> {
                 }
                 if self.lock_step() {
                     if tick > self.next {
-                        let source = self.wires[number].ledger.source().to_owned();
+                        let source = self.wires[number].ledger.source.clone();
                         let (run, next) = (self.run.clone(), self.next);
                         self.fail(format!(
                             "{source} is at tick {tick} of run {run} already and this service at {next}: nobody can \
@@ -97,7 +92,7 @@ impl<B: Wired + 'static> Host<B> {
                         self.note(Severity::Warning, EventKind::MessagesMissing { source, messages: gap });
                     }
                     if takeover {
-                        let to = self.wires[number].ledger.source().to_owned();
+                        let to = self.wires[number].ledger.source.clone();
                         self.note(Severity::Info, EventKind::SourceChanged { from: was_source, to });
                     }
                 }
@@ -131,18 +126,12 @@ impl<B: Wired + 'static> Host<B> {
         run.clone_into(&mut self.run);
         self.output = None;
         self.schedule = StepSchedule { due: None, trigger: None };
-        self.ports.visit(&mut Clear);
-        for i in 0..self.wires.len() {
-            if let WireKind::Port(_) = self.wires[i].kind {
-                self.wires[i].held = None;
-            }
-        }
+        self.ports = Ports::default();
+        self.wires.iter_mut().for_each(|wire| wire.held = None);
         self.commands.due(tick.saturating_sub(1));
         // The message that said so is the first of the run.
         for i in 0..self.wires.len() {
-            if let WireKind::Port(_) = self.wires[i].kind
-                && self.wires[i].ledger.source() == source
-            {
+            if self.wires[i].kind == WireKind::Port && self.wires[i].ledger.source == source {
                 self.offer_held(i, payload, run);
             }
         }
@@ -183,7 +172,7 @@ impl<B: Wired + 'static> Host<B> {
         }
         if witness.seen.is_none_or(|tick| seen.tick > tick) {
             witness.seen = Some(seen.tick);
-            self.heard_at = now;
+            self.received_at = now;
         } else {
             self.answer_repetition(seen.repeat, now);
         }
@@ -198,7 +187,7 @@ impl<B: Wired + 'static> Host<B> {
     }
 
     pub(super) fn lease(&self) -> &LeaseView {
-        self.operator.authority.as_ref().map_or(&self.operator.lease, Authority::view)
+        self.operator.authority.as_ref().map_or(&self.operator.lease, |authority| &authority.view)
     }
 
     pub(super) fn streamed(&mut self, i: usize, payload: &[u8]) {
@@ -224,18 +213,13 @@ impl<B: Wired + 'static> Host<B> {
         match taken {
             Ok(sample) => {
                 let stream = &mut self.operator.streams[i];
-                stream.live = sample.value.is_some();
-                stream.client = sample.client;
-                stream.token = sample.token;
-                stream.seq = sample.seq;
-                stream.heard_at = now;
-                stream.accepted += 1;
+                let (accepted, refused, live) = (stream.accepted + 1, stream.refused, sample.value.is_some());
+                let StreamedSetpoint { client, token, seq, .. } = sample;
+                *stream = Stream { seq, token, client, received_at: now, live, accepted, refused };
             }
             Err(why) => {
                 self.operator.streams[i].refused += 1;
-                let sample =
-                    (payload.len() <= MAX_REQUEST).then(|| serde_json::from_slice::<StreamedSetpoint>(payload).ok());
-                let client = sample.flatten().map(|sample| sample.client);
+                let client = read::<StreamedSetpoint>(payload).map(|sample| sample.client);
                 self.refused(&why, |reason, so_far| EventKind::SetpointRefused {
                     name: STREAMS[i].into(),
                     client,

@@ -1,10 +1,10 @@
 //! Starting anew while the others run: which run and tick it is, who has the lease, what was in force.
 
 use super::Host;
-use super::ports::{Deliver, Delivered, Keys};
+use super::ports::{Deliver, Delivered};
 use crate::session::LinkError;
+use crate::transport::question;
 use std::time::Duration;
-use supertwin_core::port::wires;
 use supertwin_core::{EventKind, Severity, Wired};
 use supertwin_protocol::keys;
 use supertwin_protocol::ledger::Ledger;
@@ -21,21 +21,13 @@ impl<B: Wired + 'static> Host<B> {
     /// messages were.
     pub(super) fn rejoin(&mut self) -> Result<(), LinkError> {
         let ask = |key: String| {
-            self.session
-                .get(key.clone())
-                .target(zenoh::query::QueryTarget::All)
-                .consolidation(zenoh::query::ConsolidationMode::None)
-                // Not our own: nobody answers for us yet.
-                .allowed_destination(Locality::Remote)
-                .timeout(REJOIN)
-                .wait()
-                .map_err(LinkError::session(key))
+            // Not our own: nobody answers for us yet.
+            let question = question(&self.session, &key, REJOIN).allowed_destination(Locality::Remote);
+            question.wait().map_err(LinkError::session(&*key))
         };
         // All questions at once: whoever is up answers within a tick, and the wait is one time-out at worst.
         let (nows, lease) = (ask(keys::state("*", "now"))?, ask(keys::LEASE_STATE.to_owned())?);
-        let mut names = Keys(Vec::new());
-        wires::<B>(&mut names);
-        let kept = names.0.iter().map(|(key, _)| ask(keys::held("*", key))).collect::<Result<Vec<_>, _>>()?;
+        let kept = self.ports.states().map(|port| ask(keys::held("*", port.key))).collect::<Result<Vec<_>, _>>()?;
         let payloads = |replies: zenoh::handlers::FifoChannelHandler<zenoh::query::Reply>| -> Vec<ZBytes> {
             let samples = replies.into_iter().filter_map(|reply| reply.into_result().ok());
             samples.map(|sample| sample.payload().clone()).collect()
@@ -48,12 +40,6 @@ impl<B: Wired + 'static> Host<B> {
                 newest = Some(now);
             }
         }
-        let held: Vec<(usize, ZBytes)> = kept
-            .into_iter()
-            .enumerate()
-            .flat_map(|(i, replies)| payloads(replies).into_iter().map(move |payload| (i, payload)))
-            .collect();
-        let lease = payloads(lease);
         let Some(newest) = newest else { return Ok(()) };
         if B::OWNS_TIME {
             self.run.clone_from(&newest.run);
@@ -62,9 +48,10 @@ impl<B: Wired + 'static> Host<B> {
             self.commands.due(self.next.saturating_sub(1));
             self.note(Severity::Info, EventKind::RunRejoined { run: self.run.clone(), at_tick: self.next });
         }
-        for (i, payload) in held {
-            self.offer_held(i, &payload, &newest.run);
+        for (i, replies) in kept.into_iter().enumerate() {
+            payloads(replies).iter().for_each(|payload| self.offer_held(i, payload, &newest.run));
         }
+        let lease = payloads(lease);
         // The answers took their time.
         self.now = self.clock.now();
         for payload in lease {
@@ -79,7 +66,6 @@ impl<B: Wired + 'static> Host<B> {
         let mut its_run = run.to_owned();
         let mut deliver = Deliver {
             wanted: i,
-            at: 0,
             payload: &payload.to_bytes(),
             ledger: &mut scratch,
             run: &mut its_run,

@@ -1,15 +1,14 @@
 //! What is asked: commands, parameters, authority, time, and what a newcomer needs to know.
 
 use super::Host;
-use super::ports::Keys;
 use crate::outbox::Outgoing;
+use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
 use supertwin_core::event::{CommandSource, EventCommand};
-use supertwin_core::port::wires;
 use supertwin_core::{EventKind, Severity, Wired};
 use supertwin_protocol::command_queue::{Answer, MAX_REQUEST, Request, RequestTime};
 use supertwin_protocol::keys;
-use supertwin_protocol::lease::{Authority, LeaseAction, LeaseReply, LeaseRequest};
+use supertwin_protocol::lease::{LeaseAction, LeaseReply, LeaseRequest};
 use supertwin_protocol::payload::{Now, Pong};
 use zenoh::query::Query;
 
@@ -25,13 +24,9 @@ impl<B: Wired + 'static> Host<B> {
             "param" if payload.is_empty() => self.parameter(&name.replace('/', ".")),
             "param" => self.set_parameter(&name.replace('/', "."), &payload, session),
             "authority" => self.authority(&payload, session),
-            "clock" => {
-                let pong = Pong { received_ns: self.clock.unix_ns() };
-                serde_json::to_value(pong).map_err(|error| json!(error.to_string()))
-            }
+            "clock" => Ok(json!(Pong { received_ns: self.clock.unix_ns() })),
             "state" if name == "now" => {
-                let now = Now { run: self.run.clone(), source: self.source.clone(), next: self.next };
-                serde_json::to_value(now).map_err(|error| json!(error.to_string()))
+                Ok(json!(Now { run: self.run.clone(), source: self.source.clone(), next: self.next }))
             }
             "state" => {
                 let wire = name.strip_prefix("held/").unwrap_or(name);
@@ -45,9 +40,7 @@ impl<B: Wired + 'static> Host<B> {
     }
 
     pub(super) fn answer_held(&self, query: Query, wire: &str) {
-        let mut names = Keys(Vec::new());
-        wires::<B>(&mut names);
-        let i = names.0.iter().position(|(key, _)| *key == wire);
+        let i = self.ports.states().position(|port| port.key == wire);
         match i.and_then(|i| self.wires[i].held.as_ref()) {
             Some(payload) => {
                 // The key must be ours, not the question's pattern.
@@ -58,17 +51,17 @@ impl<B: Wired + 'static> Host<B> {
         }
     }
 
-    pub(super) fn moment(&self) -> RequestTime {
+    pub(super) fn request_time(&self) -> RequestTime {
         RequestTime { now: self.now, next: self.next, tick_s: self.options.tick_s, lead: self.options.lead_ticks }
     }
 
     pub(super) fn command(&mut self, name: &str, payload: &[u8], session: Option<String>) -> Result<Value, Value> {
-        let moment = self.moment();
+        let time = self.request_time();
         let tick = self.tick(self.next);
         let (block, lease) =
-            (&self.block, self.operator.authority.as_ref().map_or(&self.operator.lease, Authority::view));
+            (&self.block, self.operator.authority.as_ref().map_or(&self.operator.lease, |authority| &authority.view));
         let before = self.commands.counts;
-        let answer = self.commands.submit(name, payload, lease, moment, |command| block.clone().command(tick, command));
+        let answer = self.commands.submit(name, payload, lease, time, |command| block.clone().command(tick, command));
         let after = self.commands.counts;
         let value = serde_json::to_value(&answer).unwrap_or(Value::Null);
         match answer {
@@ -98,8 +91,7 @@ impl<B: Wired + 'static> Host<B> {
         payload: &[u8],
         session: Option<String>,
     ) -> Result<Value, Value> {
-        let request = (payload.len() <= MAX_REQUEST).then(|| serde_json::from_slice::<Request>(payload).ok()).flatten();
-        let inner = request.map(|mut request| {
+        let inner = read::<Request>(payload).map(|mut request| {
             request.value = json!({ "path": path, "value": request.value });
             serde_json::to_vec(&request).unwrap_or_default()
         });
@@ -108,18 +100,10 @@ impl<B: Wired + 'static> Host<B> {
     }
 
     pub(super) fn parameter(&self, path: &str) -> Result<Value, Value> {
-        let parameters = self.block.parameters();
-        let mut place = &parameters;
-        for name in path.split('.').filter(|name| !name.is_empty()) {
-            let next = match place {
-                Value::Object(map) => map.get(name),
-                Value::Array(list) => name.parse::<usize>().ok().and_then(|i| list.get(i)),
-                _ => None,
-            };
-            let reason = || json!({ "status": "refused", "reason": format!("{} has no parameter {path}", B::NAME) });
-            place = next.ok_or_else(reason)?;
-        }
-        Ok(place.clone())
+        let names = path.split('.').filter(|name| !name.is_empty());
+        let pointer: String = names.map(|name| format!("/{name}")).collect();
+        let reason = || json!({ "status": "refused", "reason": format!("{} has no parameter {path}", B::NAME) });
+        self.block.parameters().pointer(&pointer).cloned().ok_or_else(reason)
     }
 
     pub(super) fn authority(&mut self, payload: &[u8], session: Option<String>) -> Result<Value, Value> {
@@ -146,10 +130,9 @@ impl<B: Wired + 'static> Host<B> {
         };
         let token = zenoh::session::ZenohId::default().to_string() + &zenoh::session::ZenohId::default().to_string();
         let (reply, changed) = authority.answer(&request, &token, now);
-        let state = authority.state(&self.source, now);
         if changed {
             // Before the answer and with a higher priority: who is granted may command at once.
-            self.tell_state(keys::LEASE_STATE.to_owned(), &state);
+            self.tell_lease();
         }
         self.lease_event(request, &reply, session);
         let value = serde_json::to_value(&reply).unwrap_or(Value::Null);
@@ -182,11 +165,15 @@ fn sender(query: &Query) -> Option<String> {
     query.source_info().map(|info| info.source_id().zid().to_string())
 }
 
+/// What a client has sent, if it is not too long and can be read.
+pub(super) fn read<T: DeserializeOwned>(payload: &[u8]) -> Option<T> {
+    (payload.len() <= MAX_REQUEST).then(|| serde_json::from_slice(payload).ok()).flatten()
+}
+
 /// A request for the command `name`, as events tell of it.
 fn told<B: Wired>(name: &str, payload: &[u8]) -> EventCommand {
     // A token is a secret, also in a log, and also in a request that is wrong: nothing of that one is quoted.
-    let request = (payload.len() <= MAX_REQUEST).then(|| serde_json::from_slice::<Request>(payload).ok()).flatten();
-    let (value, by) = request.map_or((Value::Null, None), |request| {
+    let (value, by) = read::<Request>(payload).map_or((Value::Null, None), |request| {
         (request.value, Some(CommandSource { client: request.client, seq: Some(request.seq) }))
     });
     EventCommand { service: B::NAME.into(), name: name.to_owned(), value, by }

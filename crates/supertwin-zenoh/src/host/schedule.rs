@@ -1,6 +1,5 @@
 //! When to step: in lock step when all inputs are there, in real time by trigger or timer.
 
-use super::ports::{Missing, Ready};
 use super::{Ending, Host};
 use std::time::Duration;
 use supertwin_core::{EventKind, Severity, Wired};
@@ -31,30 +30,27 @@ impl<B: Wired + 'static> Host<B> {
     pub(super) fn poll_lock_step(&mut self) -> bool {
         let now = self.now;
         let done = self.options.ticks.is_some_and(|ticks| self.next >= ticks);
-        let mut ready = Ready(self.next, true);
-        self.ports.visit(&mut ready);
+        let ready = self.ports.states().all(|port| port.ready(self.next));
         let seen = self.next.checked_sub(1);
         let witnessed = self.witnesses.iter().all(|witness| seen.is_none_or(|tick| witness.seen >= Some(tick)));
-        if ready.1 && witnessed && !done {
-            let joined_late = !B::OWNS_TIME && self.run.is_empty();
-            if !joined_late {
-                let before = core::mem::replace(&mut self.lap.began, now);
-                self.step(self.next, true);
-                if self.next > 1 {
-                    self.lap.shortest = shortest(self.lap.shortest, now.saturating_sub(before));
-                }
-                self.lap.repeat_after = self.repeat_first();
-                return true;
+        let joined_late = !B::OWNS_TIME && self.run.is_empty();
+        if ready && witnessed && !done && !joined_late {
+            let before = core::mem::replace(&mut self.lap.began, now);
+            self.step(self.next, true);
+            if self.next > 1 {
+                self.lap.shortest = shortest(self.lap.shortest, now.saturating_sub(before));
             }
+            self.lap.repeat_after = self.repeat_first();
+            return true;
         }
-        if done && B::OWNS_TIME && ready.1 && witnessed {
+        if done && B::OWNS_TIME && ready && witnessed {
             for _ in 0..3 {
                 self.say_stop(true, "complete");
             }
             self.ending = Some(Ending::Complete);
             return true;
         }
-        let silent = now.saturating_sub(self.heard_at);
+        let silent = now.saturating_sub(self.received_at);
         if done && !B::OWNS_TIME && silent > LINGER {
             self.ending = Some(Ending::Complete);
             return true;
@@ -62,12 +58,10 @@ impl<B: Wired + 'static> Host<B> {
         let started = self.wires.iter().any(|wire| wire.held.is_some());
         let patience = if started { self.options.patience } else { START_PATIENCE.max(self.options.patience) };
         if silent > patience {
-            let mut missing = Missing(self.next, Vec::new());
-            self.ports.visit(&mut missing);
-            let mut waits: Vec<String> = missing.1.into_iter().map(str::to_owned).collect();
+            let missing = self.ports.states().filter(|port| !port.ready(self.next)).map(|port| port.key.to_owned());
             let unseen = self.witnesses.iter().filter(|witness| witness.seen < seen);
-            waits.extend(unseen.map(|witness| format!("witness {}", witness.name)));
-            let (tick, waits) = (self.next, waits.join(", "));
+            let waits = missing.chain(unseen.map(|witness| format!("witness {}", witness.name)));
+            let (tick, waits) = (self.next, waits.collect::<Vec<_>>().join(", "));
             self.fail(format!("tick {tick}: waited {:.0} s for {waits}", silent.as_secs_f64()));
             return true;
         }
@@ -101,40 +95,36 @@ impl<B: Wired + 'static> Host<B> {
             }
             // Behind by whole ticks: they are simulated, but only the newest is worth sending.
             let behind = (now - due).as_nanos() / interval.as_nanos().max(1);
-            let most = (CATCH_UP_S / self.options.tick_s) as u128;
-            if behind > most {
-                let lost = u64::try_from(behind).unwrap_or(u64::MAX / 2);
-                self.note(Severity::Error, EventKind::TicksLeftOut { ticks: lost });
-                self.next += lost;
-                self.counters.steps.skipped += lost;
-                self.schedule.due = Some(now);
-                self.step(self.next, true);
+            let ticks = u64::try_from(behind).unwrap_or(u64::MAX / 2);
+            if ticks > (CATCH_UP_S / self.options.tick_s) as u64 {
+                self.note(Severity::Error, EventKind::TicksLeftOut { ticks });
+                self.next += ticks;
+                self.counters.health.skipped += ticks;
                 self.schedule.due = Some(now + interval);
-                return true;
-            }
-            let behind = u64::try_from(behind).unwrap_or(0);
-            for _ in 0..behind {
-                self.step(self.next, false);
-            }
-            if behind > 0 {
-                self.counters.steps.deadline_misses += behind;
-                self.note(Severity::Warning, EventKind::TicksLate { ticks: behind });
+            } else {
+                for _ in 0..ticks {
+                    self.step(self.next, false);
+                }
+                if ticks > 0 {
+                    self.counters.health.deadline_misses += ticks;
+                    self.note(Severity::Warning, EventKind::TicksLate { ticks });
+                }
+                self.schedule.due = Some(due + interval * u32::try_from(ticks + 1).unwrap_or(u32::MAX));
             }
             self.step(self.next, true);
-            self.schedule.due = Some(due + interval * u32::try_from(behind + 1).unwrap_or(u32::MAX));
             return true;
         }
         if let Some(tick) = self.schedule.trigger.take() {
             if tick >= self.next {
                 if self.output.is_some() {
-                    self.counters.steps.skipped += tick - self.next;
+                    self.counters.health.skipped += tick - self.next;
                 }
                 self.step(tick, true);
                 self.schedule.due = Some(now + 2 * interval);
                 return true;
             }
             // Ahead of the owner of time: waits until it is level again.
-            self.counters.steps.late_triggers += 1;
+            self.counters.health.late_triggers += 1;
             if self.next - tick < LEVEL_TICKS {
                 self.schedule.due = Some(now + 2 * interval);
             }
@@ -143,7 +133,7 @@ impl<B: Wired + 'static> Host<B> {
         if let Some(due) = self.schedule.due
             && now >= due
         {
-            self.counters.steps.by_timer += 1;
+            self.counters.health.by_timer += 1;
             self.step(self.next, true);
             self.schedule.due = Some(if due + interval < now { now + interval } else { due + interval });
             return true;

@@ -1,18 +1,19 @@
 //! The parts of a host's state: its wires, its numbers and times, who steers it.
 
 use crate::mailbox::Overflow;
-use serde::Serialize;
+use std::collections::VecDeque;
 use std::time::Duration;
 use supertwin_core::OperatorLink;
+use supertwin_protocol::health::Health;
 use supertwin_protocol::lease::{Authority, LeaseView};
 use supertwin_protocol::ledger::Ledger;
 use supertwin_protocol::payload::STREAMS;
 use zenoh::bytes::ZBytes;
 
-/// What a wire carries: an input port of the block, or what steers the host itself.
+/// What a wire carries: an input port of the block, of the same number, or what steers the host itself.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum WireKind {
-    Port(usize),
+    Port,
     Setpoint(usize),
     Lease,
     Stop,
@@ -62,17 +63,6 @@ pub(super) struct LapTimer {
     pub(super) repeat_after: Duration,
 }
 
-#[derive(Clone, Copy, Debug, Default, Serialize)]
-pub(super) struct StepCounts {
-    pub(super) steps: u64,
-    pub(super) skipped: u64,
-    pub(super) by_timer: u64,
-    pub(super) deadline_misses: u64,
-    pub(super) late_triggers: u64,
-    pub(super) repeats: u64,
-    pub(super) not_finite: u64,
-}
-
 #[derive(Debug)]
 pub(super) struct Witness {
     pub(super) name: String,
@@ -85,7 +75,7 @@ pub(super) struct Stream {
     pub(super) seq: u64,
     pub(super) token: String,
     pub(super) client: String,
-    pub(super) heard_at: Duration,
+    pub(super) received_at: Duration,
     pub(super) live: bool,
     pub(super) accepted: u64,
     pub(super) refused: u64,
@@ -93,27 +83,21 @@ pub(super) struct Stream {
 
 /// The last so many durations, in microseconds.
 #[derive(Debug, Default)]
-pub(super) struct Recent {
-    pub(super) values: Vec<f64>,
-    pub(super) next: usize,
-}
+pub(super) struct Recent(VecDeque<f64>);
 
 impl Recent {
     const LENGTH: usize = 512;
 
     pub(super) fn add(&mut self, duration: Duration) {
-        let us = duration.as_secs_f64() * 1e6;
-        if self.values.len() < Self::LENGTH {
-            self.values.push(us);
-        } else {
-            self.values[self.next] = us;
+        if self.0.len() >= Self::LENGTH {
+            self.0.pop_front();
         }
-        self.next = (self.next + 1) % Self::LENGTH;
+        self.0.push_back(duration.as_secs_f64() * 1e6);
     }
 
     /// Median, 99th percentile, maximum; zeros when there is nothing.
     pub(super) fn quantiles(&self) -> [f64; 3] {
-        let mut sorted = self.values.clone();
+        let mut sorted: Vec<f64> = self.0.iter().copied().collect();
         sorted.sort_by(f64::total_cmp);
         [0.5, 0.99, 1.0].map(|q| {
             let at = (q * (sorted.len().max(1) - 1) as f64).round();
@@ -125,7 +109,8 @@ impl Recent {
 /// What the health message tells of a host.
 #[derive(Debug, Default)]
 pub(super) struct Counters {
-    pub(super) steps: StepCounts,
+    /// Its counters of steps; the rest is filled in when it is told.
+    pub(super) health: Health,
     pub(super) step_us: Recent,
     /// Owner of time: from sending a tick's output to what comes back round the ring.
     pub(super) loop_us: Recent,

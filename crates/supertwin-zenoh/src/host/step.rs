@@ -1,7 +1,7 @@
 //! One step of the block with all that belongs to it: commands before, events, output and telemetry after.
 
 use super::Host;
-use super::ports::{AsideWriter, Readiness, Stepped, with};
+use super::ports::AsideWriter;
 use serde_json::Value;
 use std::borrow::Cow;
 use supertwin_core::digest::block_digest;
@@ -28,7 +28,7 @@ impl<B: Wired + 'static> Host<B> {
         let silent = self.operator.streams.iter().any(|stream| {
             // A stream whose client has given the authority back is over.
             let theirs = lease.holder(now) == Some(stream.client.as_str());
-            stream.live && theirs && now.saturating_sub(stream.heard_at) > deadman
+            stream.live && theirs && now.saturating_sub(stream.received_at) > deadman
         });
         let link = if lease.operator_lost(now) || silent { OperatorLink::Lost } else { OperatorLink::Present };
         if core::mem::replace(&mut self.operator.link, link) != link {
@@ -80,14 +80,17 @@ impl<B: Wired + 'static> Host<B> {
         let commands = self.apply(k);
         let operator = self.operator();
         let tick = self.tick(k);
-        let mut used = core::mem::take(&mut self.used);
-        used.clear();
-        let mut readiness = Readiness { k, ready: true, at: 0, used: &mut used, ages: &mut self.wires };
-        self.ports.visit(&mut readiness);
+        let mut used = Used::new();
+        for (port, wire) in self.ports.states().zip(&mut self.wires) {
+            let Some(made_at) = port.made_at() else { continue };
+            used.push((port.key, port.used().to_vec()));
+            let age = port.expected(k).map_or(0, |expected| expected.saturating_sub(made_at));
+            wire.age_max = wire.age_max.max(age);
+        }
         let out = self.block.step(tick, self.ports.input(tick, operator));
-        self.ports.visit(&mut Stepped);
+        self.ports.stepped();
         self.next = k + 1;
-        self.counters.steps.steps += 1;
+        self.counters.health.steps += 1;
         self.steps_of_run += 1;
         if self.options.telemetry_every > 0 {
             self.untold.extend(commands.into_iter().map(|command| AppliedBefore { tick: k, command }));
@@ -95,10 +98,10 @@ impl<B: Wired + 'static> Host<B> {
             self.untold.drain(..over);
         }
         let digest = block_digest(&mut self.probe, &self.block, &out);
-        if !self.probe.take_finite()
+        if !self.probe.finish_tick()
             && let Some(path) = not_finite(&self.block, &out)
         {
-            self.counters.steps.not_finite += 1;
+            self.counters.health.not_finite += 1;
             let what = |so_far| EventKind::NotFinite { at_tick: k, signal: Cow::Borrowed(path), so_far };
             if self.lock_step() {
                 self.fail_by(what(None));
@@ -119,9 +122,8 @@ impl<B: Wired + 'static> Host<B> {
             self.sent.outputs += 1;
             self.output = Some((k, out, digest));
             self.send_output(false);
-            self.send_telemetry(k, digest, &used, operator);
+            self.send_telemetry(k, digest, used, operator);
         }
-        self.used = used;
         self.counters.step_us.add(self.clock.now().saturating_sub(began));
     }
 
@@ -129,7 +131,7 @@ impl<B: Wired + 'static> Host<B> {
         let Some((k, out, digest)) = &self.output else { return };
         let mut buffer = core::mem::take(&mut self.buffer);
         buffer.clear();
-        let mut envelope = with(&self.header(*k, self.sent.outputs), out);
+        let mut envelope = self.header(*k, self.sent.outputs).with(out);
         envelope.digest = Some(Cow::Owned(format!("{digest:016x}")));
         envelope.repeat = repeat;
         let encoded = encode(&envelope, &mut buffer);
@@ -145,14 +147,14 @@ impl<B: Wired + 'static> Host<B> {
         self.lap.sent_at = self.clock.now();
     }
 
-    fn send_telemetry(&mut self, k: u64, digest: u64, used: &Used, operator: OperatorLink) {
+    fn send_telemetry(&mut self, k: u64, digest: u64, used: Used, operator: OperatorLink) {
         let every = self.options.telemetry_every;
         if every == 0 || !k.is_multiple_of(every) {
             return;
         }
         let Some((_, out, _)) = &self.output else { return };
         if self.signals.update(&self.block, out) {
-            self.tell_state("signals".to_owned(), &self.signals.descriptions());
+            self.tell_state("signals".to_owned(), &self.signals.known);
         }
         self.sent.telemetry += 1;
         let operator_lost = operator == OperatorLink::Lost;
@@ -163,7 +165,7 @@ impl<B: Wired + 'static> Host<B> {
         let steps = self.steps_of_run;
         let shown =
             Shown::<B> { used, steps, operator_lost, commands: &commands, earlier, signals: (&self.block, out) };
-        let mut envelope = with(&self.header(k, self.sent.telemetry), shown);
+        let mut envelope = self.header(k, self.sent.telemetry).with(shown);
         envelope.digest = Some(Cow::Owned(format!("{digest:016x}")));
         let mut payload = Vec::with_capacity(4096);
         if encode(&envelope, &mut payload).is_err() {
@@ -183,7 +185,7 @@ impl<B: Wired + 'static> Host<B> {
 
     pub(super) fn send_again(&mut self) {
         if self.output.is_some() {
-            self.counters.steps.repeats += 1;
+            self.counters.health.repeats += 1;
             self.send_output(true);
             if let Some(payload) = self.telemetry.clone() {
                 self.outbox.telemetry(0, payload);
