@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 use supertwin_pki::{Authority, DAY, Request};
-use supertwin_protocol::access::{self, AccessRow, COLUMNS, Verb};
+use supertwin_protocol::access::{self, AccessRow, Verb};
 use supertwin_protocol::role::{Role, Scope};
 use supertwin_protocol::{Clock, SystemClock, keys};
 use supertwin_zenoh::access_control::probe::{Seen, Witness};
@@ -43,7 +43,7 @@ impl Locked {
     }
 
     fn issue_for(&self, role: Role, scope: Scope, holder: &str) -> PathBuf {
-        let folder = self.authority.folder().join(holder);
+        let folder = self.authority.folder.join(holder);
         if !folder.exists() {
             let request = Request::new(role, scope, holder);
             let request = if role.listens() { request.at(&["localhost", "127.0.0.1"]) } else { request };
@@ -87,7 +87,7 @@ fn router(place: &Place, authority: &Authority, vehicle: &str, clock: &SystemClo
     let request =
         Request::new(Role::Vehicle, Scope::Vehicle(vehicle.to_owned()), &holder).at(&["localhost", "127.0.0.1"]);
     authority.issue(&request, clock).expect("is legal");
-    let (credentials, file) = (authority.folder().join(&holder), place.path().join(format!("{holder}.json5")));
+    let (credentials, file) = (authority.folder.join(&holder), place.path().join(format!("{holder}.json5")));
     let (credentials, file) = (credentials.display().to_string(), file.display().to_string());
     let words = ["zenoh-config", "vehicle", "--vehicle", vehicle, "--credentials", &credentials, "--out", &file];
     place.call(&[&words[..], &["--listen", &place.socket, "--listen", "tls/127.0.0.1:0"]].concat()).well();
@@ -102,7 +102,7 @@ fn each_role_can_do_exactly_what_the_matrix_says() {
     let locked = Locked::start();
     let mut witness = locked.witness();
     let (mut differences, mut tried) = (Vec::new(), 0);
-    for role in COLUMNS {
+    for role in Role::ALL {
         let subject = locked.session(role);
         assert!(witness.settle(&subject, || Ok(())).expect("sessions live"), "{role} may ask for states");
         for row in access::matrix() {
@@ -110,7 +110,7 @@ fn each_role_can_do_exactly_what_the_matrix_says() {
                 let seen = witness.attempt(&subject, &row, verb, row.allows(role, verb)).expect("sessions live");
                 tried += 1;
                 if !seen.is_expected(row.allows(role, verb)) {
-                    differences.push(format!("{role} {verb} {}: {seen:?}", row.example(witness.mark())));
+                    differences.push(format!("{role} {verb} {}: {seen:?}", row.example(&witness.mark)));
                 }
             }
         }
@@ -160,12 +160,13 @@ fn self_signed(folder: &Path, name: &str) -> (PathBuf, PathBuf) {
 #[test]
 fn who_has_no_certificate_of_the_fleet_gets_no_word_in_and_leaves_a_trace() {
     let locked = Locked::start();
-    let ca = locked.authority.folder().join("ca.pem");
+    let ca = locked.authority.folder.join("ca.pem");
     let other_fleet = Authority::init(&locked.place.path().join("other"), "other", DAY, &locked.clock).expect("new");
     let request = || Request::new(Role::Operator, Scope::Vehicle(ROV.to_owned()), "eve");
     let foreign = other_fleet.issue(&request(), &locked.clock).expect("is legal");
     let past = Wrong(SystemClock::start(), DAY / 2);
-    let expired = locked.authority.issue(&request().during(Duration::from_secs(3600)), &past).expect("is legal");
+    let expired =
+        locked.authority.issue(&Request { lifetime: Duration::from_secs(3600), ..request() }, &past).expect("is legal");
     let (stolen, stolen_key) = self_signed(locked.place.path(), "operator.rov");
     let with = |certificate: &Path, key: &Path| {
         json!({
@@ -268,7 +269,7 @@ fn a_router_that_everybody_could_reach_does_not_start_unless_told_so() {
     let authority = Authority::init(&place.path().join("pki"), "fleet", DAY, &clock).expect("new");
     let request = Request::new(Role::Vehicle, Scope::Fleet, "v").at(&["localhost"]);
     authority.issue(&request, &clock).expect("is legal");
-    let credentials = authority.folder().join("v").display().to_string();
+    let credentials = authority.folder.join("v").display().to_string();
     let ended = place.call(&["serve", "router", "--listen", "tls/0.0.0.0:0", "--credentials", &credentials]);
     assert_eq!(ended.code, Some(2), "{ended:?}");
     assert!(ended.err.contains("without access control that denies by default"), "{}", ended.err);

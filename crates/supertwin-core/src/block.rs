@@ -21,7 +21,7 @@ pub trait Block: Observe + Clone + Send {
     /// What a mission or a client may ask of this block.
     type Command: Serialize + DeserializeOwned + Clone + Send;
 
-    /// One tick.
+    /// Computes `x⁺` and `y` of one tick.
     fn step(&mut self, tick: Tick, input: Self::In<'_>) -> Self::Out;
 
     /// Takes a command into account from the next `step` on, or refuses it and changes nothing.

@@ -4,7 +4,8 @@ use crate::Signal;
 use crate::signal::controller::{EXTERNAL, INTEGRAL, K1, SIGMA};
 
 /// Something that a law has, and shows.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, strum::EnumString, strum::IntoStaticStr)]
+#[strum(serialize_all = "snake_case")]
 pub enum Capability {
     /// A sliding variable σ.
     SlidingVariable,
@@ -19,26 +20,20 @@ pub enum Capability {
 }
 
 impl Capability {
-    /// All of them.
+    /// All capabilities, in the order in which a law lists them.
     pub const ALL: [Self; 5] =
         [Self::SlidingVariable, Self::Gains, Self::AdaptiveGains, Self::Integral, Self::External];
 
     /// The name in recordings.
     #[must_use]
     pub fn name(self) -> &'static str {
-        match self {
-            Self::SlidingVariable => "sliding_variable",
-            Self::Gains => "gains",
-            Self::AdaptiveGains => "adaptive_gains",
-            Self::Integral => "integral",
-            Self::External => "external",
-        }
+        self.into()
     }
 
     /// The one with this name.
     #[must_use]
     pub fn named(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|capability| capability.name() == name)
+        name.parse().ok()
     }
 
     /// By which signal a law shows it.

@@ -7,16 +7,6 @@ use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 
-/// A number that breaks the rule of its type.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-#[error("{value}: must be {rule}")]
-pub struct RuleBroken {
-    /// The offending number.
-    pub value: f64,
-    /// The rule in words.
-    pub rule: &'static str,
-}
-
 macro_rules! checked {
     ($(#[$doc:meta])* $name:ident, $rule:literal, |$x:ident| $legal:expr) => {
         $(#[$doc])*
@@ -31,10 +21,11 @@ macro_rules! checked {
         }
 
         impl TryFrom<f64> for $name {
-            type Error = RuleBroken;
-            fn try_from($x: f64) -> Result<Self, RuleBroken> {
+            /// The offending number and the rule.
+            type Error = String;
+            fn try_from($x: f64) -> Result<Self, String> {
                 // Written as a positive containment check, so that NaN fails it.
-                if $legal { Ok(Self($x)) } else { Err(RuleBroken { value: $x, rule: $rule }) }
+                if $legal { Ok(Self($x)) } else { Err(format!(concat!("{}: must be ", $rule), $x)) }
             }
         }
 
@@ -80,24 +71,14 @@ pub struct Interval {
     high: f64,
 }
 
-/// Ends that are not finite or not in order.
-#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
-#[error("[{low}, {high}]: must be finite, and the first less than the second")]
-pub struct NotOrdered {
-    /// Lower end, as given.
-    pub low: f64,
-    /// Upper end, as given.
-    pub high: f64,
-}
-
 impl Interval {
-    /// The lower end.
+    /// Lower end, which belongs to the interval.
     #[must_use]
     pub fn low(self) -> f64 {
         self.low
     }
 
-    /// The upper end.
+    /// Upper end, which belongs to the interval.
     #[must_use]
     pub fn high(self) -> f64 {
         self.high
@@ -111,13 +92,12 @@ impl Interval {
 }
 
 impl TryFrom<[f64; 2]> for Interval {
-    type Error = NotOrdered;
-    fn try_from([low, high]: [f64; 2]) -> Result<Self, NotOrdered> {
+    type Error = String;
+    fn try_from([low, high]: [f64; 2]) -> Result<Self, String> {
         if low < high && low.is_finite() && high.is_finite() {
-            Ok(Self { low, high })
-        } else {
-            Err(NotOrdered { low, high })
+            return Ok(Self { low, high });
         }
+        Err(format!("[{low}, {high}]: must be finite, and the first less than the second"))
     }
 }
 
@@ -157,7 +137,7 @@ mod tests {
     fn an_interval_is_in_order() {
         assert!(Interval::try_from([1.0, 2.0]).is_ok_and(|interval| interval.contains(2.0) && !interval.contains(2.1)));
         for ends in [[2.0, 1.0], [1.0, 1.0], [f64::NAN, 1.0], [0.0, f64::INFINITY]] {
-            let error = Interval::try_from(ends).expect_err("not in order").to_string();
+            let error = Interval::try_from(ends).expect_err("not in order");
             assert!(error.contains("the first less than the second"), "{error}");
         }
     }
@@ -165,7 +145,7 @@ mod tests {
     #[test]
     fn the_error_names_value_and_rule() {
         let broken = Positive::try_from(-5.0).expect_err("negative");
-        assert_eq!(broken.to_string(), "-5: must be positive and finite");
+        assert_eq!(broken, "-5: must be positive and finite");
         assert!(NonNegative::try_from(0.0).is_ok() && Positive::try_from(0.0).is_err());
         assert!(Fraction::try_from(1.0).is_ok() && Fraction::try_from(1.01).is_err());
     }

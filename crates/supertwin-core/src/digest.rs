@@ -13,6 +13,7 @@ const LABELS: usize = 8;
 ///
 /// −0 counts as 0 and every NaN as one NaN. A label counts by its text. Where a signal was absent, its neighbours
 /// move up and the count tells the difference.
+#[derive(Debug)]
 pub struct DigestProbe {
     /// Little-endian words, so that the hash does not depend on the machine.
     words: [[u8; 8]; CAPACITY],
@@ -31,22 +32,16 @@ impl Default for DigestProbe {
     }
 }
 
-impl core::fmt::Debug for DigestProbe {
-    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
-        f.debug_struct("DigestProbe").field("len", &self.len).field("folded", &self.folded).finish_non_exhaustive()
-    }
-}
-
 impl DigestProbe {
     /// The hash of everything heard since the last call, and a clean slate.
-    pub fn take(&mut self) -> u64 {
+    pub fn finish(&mut self) -> u64 {
         self.fold();
         core::mem::take(&mut self.folded)
     }
 
     /// Ends a tick: true only if everything heard since the last call was a number. Numbers so large that their sum is none
     /// give false as well: who wants to know has to look.
-    pub fn take_finite(&mut self) -> bool {
+    pub fn finish_tick(&mut self) -> bool {
         self.next_label = 0;
         core::mem::take(&mut self.sum).is_finite()
     }
@@ -107,7 +102,7 @@ impl Probe for DigestProbe {
 pub fn block_digest(probe: &mut DigestProbe, block: &impl Observe, output: &impl Observe) -> u64 {
     block.observe(probe);
     output.observe(probe);
-    probe.take()
+    probe.finish()
 }
 
 /// Hash of a run, tick by tick: each tick's block hashes are folded into what came before.
@@ -125,12 +120,6 @@ impl RunDigest {
         self.0 = xxh3_64_with_seed(&of_tick.to_le_bytes(), self.0);
         of_tick
     }
-
-    /// The hash so far.
-    #[must_use]
-    pub fn value(self) -> u64 {
-        self.0
-    }
 }
 
 impl core::fmt::Display for RunDigest {
@@ -147,8 +136,8 @@ mod tests {
 
     fn digest(values: &[f64]) -> u64 {
         let mut probe = DigestProbe::default();
-        probe.vector(&S, values);
-        probe.take()
+        values.chunks(7).for_each(|values| probe.vector(&S, values));
+        probe.finish()
     }
 
     #[test]
@@ -162,11 +151,6 @@ mod tests {
 
     #[test]
     fn more_than_the_capacity_is_folded_and_nothing_is_lost() {
-        let digest = |values: &[f64]| {
-            let mut probe = DigestProbe::default();
-            values.chunks(7).for_each(|values| probe.vector(&S, values));
-            probe.take()
-        };
         let mut values = vec![1.0; 1000];
         let before = digest(&values);
         values[3] = 2.0;

@@ -3,7 +3,7 @@
 /// A named quantity. Its path is at once telemetry path, recording entity and dashboard content.
 ///
 /// Declare signals as `static` (by [`signals!`](crate::signals)): listeners may tell them apart by address.
-#[derive(Debug, PartialEq, Eq, Hash)]
+#[derive(Debug, PartialEq, Eq, Hash, serde::Serialize)]
 pub struct Signal {
     /// `service/quantity`, without a leading slash.
     pub path: &'static str,
@@ -20,12 +20,6 @@ impl Signal {
     #[must_use]
     pub const fn width(&self) -> usize {
         if self.components.is_empty() { 1 } else { self.components.len() }
-    }
-
-    /// A state with a name instead of numbers.
-    #[must_use]
-    pub const fn is_label(&self) -> bool {
-        self.units.is_empty()
     }
 
     /// Unit of component `i`.
@@ -85,14 +79,14 @@ pub(crate) const fn position(names: &[&str], name: &str) -> Option<usize> {
 /// One component of a signal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Component {
-    /// Of this signal.
+    /// The signal whose component it is.
     pub signal: &'static Signal,
     /// Its place among the numbers of a tick.
     pub index: usize,
 }
 
 impl Component {
-    /// Its unit.
+    /// Unit of its number, as the signal declares it.
     #[must_use]
     pub fn unit(self) -> &'static str {
         self.signal.unit(self.index)

@@ -38,15 +38,6 @@ impl<T> Input<T> {
             Self::Missing => None,
         }
     }
-
-    /// Age in ticks at `now`; `None` when missing.
-    pub fn age_ticks(&self, now: Tick) -> Option<u64> {
-        match self {
-            Self::Fresh(_) => Some(0),
-            Self::Held { made_at, .. } => Some(now.k.saturating_sub(*made_at)),
-            Self::Missing => None,
-        }
-    }
 }
 
 /// Whether somebody is in command.

@@ -13,14 +13,14 @@ pub struct Notice {
     pub severity: Severity,
     /// What it is: `mode`, `reason`, `status`, or something that the block needs, such as `net`.
     pub what: &'static str,
-    /// Its state.
+    /// The state that it is in, as events and people name it.
     pub state: &'static str,
     /// What the block does about it; empty if nothing.
     pub consequence: &'static str,
 }
 
 impl Notice {
-    /// As planned.
+    /// A state that is as planned.
     #[must_use]
     pub const fn info(what: &'static str, state: &'static str) -> Self {
         Self { severity: Severity::Info, what, state, consequence: "" }

@@ -2,7 +2,7 @@
 
 use crate::Signal;
 
-/// A listener.
+/// Hears what is shown: a recording, a hash, telemetry, a test.
 pub trait Probe {
     /// A vector of numbers; signals that exist only now and then (a sonar ping) are shown only then.
     fn vector(&mut self, signal: &'static Signal, values: &[f64]);
@@ -10,7 +10,7 @@ pub trait Probe {
     /// A state with a name, such as a mode.
     fn label(&mut self, signal: &'static Signal, value: &'static str);
 
-    /// A single number.
+    /// A number by itself: a vector of one component.
     #[inline]
     fn scalar(&mut self, signal: &'static Signal, value: f64) {
         self.vector(signal, &[value]);

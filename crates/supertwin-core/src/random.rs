@@ -75,7 +75,7 @@ impl Draw {
         (self.low, self.high)
     }
 
-    /// Draws once, uniformly.
+    /// Draws a value from the range, uniformly.
     pub fn sample(self, stream: &mut Stream) -> f64 {
         stream.uniform(self.low, self.high)
     }
@@ -156,12 +156,6 @@ impl<const N: usize> OrnsteinUhlenbeck<N> {
     /// One step; returns the new value.
     pub fn step(&mut self) -> SVector<f64, N> {
         self.value = self.value * self.decay + self.kick.component_mul(&self.stream.normals());
-        self.value
-    }
-
-    /// The present value.
-    #[must_use]
-    pub fn value(&self) -> SVector<f64, N> {
         self.value
     }
 }

@@ -173,7 +173,7 @@ fn send(
     }
     let rest = orders.iter().filter(|order| !order.emergency()).count();
     if rest > 0 && !network.stop.interrupted() {
-        let presence = Presence::show(&network.session, &client.key(&keys::operator(client.name())))?;
+        let presence = Presence::show(&network.session, &client.key(&keys::operator(&client.name)))?;
         let before = next_tick(network, client)?;
         client.acquire(LEASE_S)?;
         let sent: Result<(), OperationError> = (|| {
@@ -217,7 +217,7 @@ fn one(client: &mut Client, order: &Order, at_tick: Option<u64>) -> Result<Outco
     let value = order.value.clone();
     let answer = match &order.what {
         What::Command(name) => client.command(order.service, name, value, at_tick),
-        What::Parameter(path) => client.set_parameter_at(order.service, path, value, at_tick),
+        What::Parameter(path) => client.set_parameter(order.service, path, value, at_tick),
     };
     let (status, apply_tick, reason) = match answer {
         Ok(tick) => ("scheduled", Some(tick), None),
@@ -235,7 +235,7 @@ fn one(client: &mut Client, order: &Order, at_tick: Option<u64>) -> Result<Outco
         apply_tick,
         applied_tick: None,
         reason,
-        seq: client.last_seq(),
+        seq: client.seq,
         state: order.state(),
     })
 }
@@ -258,14 +258,14 @@ fn wait(
             && let Some(heard) = network.inbox.next(Some(slice))
         {
             if let Ok(event) = decode::<Event>(&heard.payload) {
-                acknowledge(&event.data, client.name(), outcomes);
+                acknowledge(&event.data, &client.name, outcomes);
             }
         }
         for outcome in outcomes.iter_mut().filter(|outcome| outcome.status == "scheduled") {
             if network.stop.interrupted() {
                 break;
             }
-            let by = CommandSource { client: client.name().to_owned(), seq: Some(outcome.seq) }.to_string();
+            let by = CommandSource { client: client.name.clone(), seq: Some(outcome.seq) }.to_string();
             let key = client.key(&keys::state(outcome.service, &outcome.state));
             for (_, state) in diagnose::ask_all(&network.session, &key)? {
                 if state["by"] == by.as_str() {

@@ -3,7 +3,7 @@
 use crate::OperationError;
 use serde_json::{Value, json};
 use std::sync::Arc;
-use supertwin_core::{Severity, Tick};
+use supertwin_core::{EventKind, Severity, Tick};
 use supertwin_protocol::{Clock, keys};
 use supertwin_zenoh::access_log::AccessLog;
 use supertwin_zenoh::{Link, LinkError, ServicePublisher, Session, access_control, session, unique};
@@ -78,10 +78,10 @@ impl RouterAccess {
             (None, Some(vehicle)) => Some(format!("{}/", keys::namespace(vehicle))),
             (None, None) => None,
         };
-        let open = |root: &String| ServicePublisher::unseen(session, root, "router", &unique(), Arc::clone(clock));
+        let open = |root: &String| ServicePublisher::open(session, root, "router", &unique(), Arc::clone(clock), false);
         let mut publisher = root.as_ref().map(open).transpose()?;
-        Ok(Some(AccessLog::new(Arc::clone(clock), move |event, times| {
-            let (what, refusal) = (event.event(times), event.is_refusal());
+        Ok(Some(AccessLog::new(Arc::clone(clock), move |what| {
+            let refusal = !matches!(what, EventKind::ConnectionAccepted { .. });
             tell(&what.to_string(), refusal);
             if let Some(publisher) = &mut publisher {
                 let severity = if refusal { Severity::Warning } else { Severity::Info };

@@ -61,38 +61,24 @@ impl Request {
         self
     }
 
-    /// In force for this long, from now on.
-    #[must_use]
-    pub fn during(mut self, lifetime: Duration) -> Self {
-        self.lifetime = lifetime;
-        self
-    }
-
     fn check(&self) -> Result<(), PkiError> {
-        let wrong = |cause: String| Err(PkiError::Asked(cause));
-        if !is_file_name(&self.holder) {
-            return wrong(format!(
-                "holder {}: must be 1 to 64 letters, digits, '-', '_' or '.', must not begin with '.' and not be ca",
-                self.holder
-            ));
-        }
-        let name = common_name(self.role, &self.scope);
-        if name.len() > MAX_COMMON_NAME {
-            return wrong(format!("{name}: a common name has at most {MAX_COMMON_NAME} letters"));
-        }
-        if let Some(host) = self.hosts.iter().find(|host| !is_host(host)) {
-            return wrong(format!(
-                "host {host}: must be a DNS name such as vehicle.local or an address, without a port"
-            ));
-        }
-        if self.role.listens() && self.hosts.is_empty() {
-            return wrong(format!("{name}: others connect to it, so its certificate must name a host"));
-        }
-        if !self.role.listens() && !self.hosts.is_empty() {
+        let (holder, name) = (&self.holder, common_name(self.role, &self.scope));
+        let cause = if !is_file_name(holder) {
+            let rule = "must be 1 to 64 letters, digits, '-', '_' or '.', must not begin with '.' and not be ca";
+            format!("holder {holder}: {rule}")
+        } else if name.len() > MAX_COMMON_NAME {
+            format!("{name}: a common name has at most {MAX_COMMON_NAME} letters")
+        } else if let Some(host) = self.hosts.iter().find(|host| !is_host(host)) {
+            format!("host {host}: must be a DNS name such as vehicle.local or an address, without a port")
+        } else if self.role.listens() && self.hosts.is_empty() {
+            format!("{name}: others connect to it, so its certificate must name a host")
+        } else if !self.role.listens() && !self.hosts.is_empty() {
             // Else whoever holds it could stand for the vehicle's router.
-            return wrong(format!("{name}: nobody connects to it, so its certificate must name no host"));
-        }
-        check_lifetime(self.lifetime)
+            format!("{name}: nobody connects to it, so its certificate must name no host")
+        } else {
+            return check_lifetime(self.lifetime);
+        };
+        Err(PkiError::Asked(cause))
     }
 }
 
@@ -119,8 +105,10 @@ fn is_host(name: &str) -> bool {
 
 /// Signs certificates.
 pub struct Authority {
-    folder: PathBuf,
-    certificate: Certificate,
+    /// Folder of the authority.
+    pub folder: PathBuf,
+    /// The certificate of the authority itself.
+    pub certificate: Certificate,
     fleet: String,
     issuer: Issuer<'static, KeyPair>,
 }
@@ -152,8 +140,8 @@ impl Authority {
         wanted.key_usages = vec![KeyUsagePurpose::KeyCertSign, KeyUsagePurpose::CrlSign];
         let key = KeyPair::generate().map_err(crypto(folder))?;
         let made = wanted.self_signed(&key).map_err(crypto(folder))?;
-        write_key(&folder.join(CA_KEY), &key.serialize_pem())?;
-        write_new(&folder.join(CA_CERTIFICATE), &made.pem())?;
+        write(&folder.join(CA_KEY), &key.serialize_pem(), KEY_MODE)?;
+        write(&folder.join(CA_CERTIFICATE), &made.pem(), CERTIFICATE_MODE)?;
         Self::open(folder)
     }
 
@@ -180,18 +168,6 @@ impl Authority {
         Ok(Self { folder: folder.to_owned(), certificate, fleet, issuer })
     }
 
-    /// The certificate of the authority itself.
-    #[must_use]
-    pub fn certificate(&self) -> &Certificate {
-        &self.certificate
-    }
-
-    /// Folder of the authority.
-    #[must_use]
-    pub fn folder(&self) -> &Path {
-        &self.folder
-    }
-
     /// Makes a key and a certificate, in a new folder named after the holder.
     ///
     /// # Errors
@@ -214,8 +190,8 @@ impl Authority {
         }
         make_folder(&stage)?;
         let files = Credentials::named(&stage, &request.holder);
-        write_key(&files.key, &key.serialize_pem())?;
-        write_new(&files.certificate, &pem)?;
+        write(&files.key, &key.serialize_pem(), KEY_MODE)?;
+        write(&files.certificate, &pem, CERTIFICATE_MODE)?;
         let trusted = self.folder.join(CA_CERTIFICATE);
         fs::copy(&trusted, &files.ca).map_err(|error| PkiError::file(&files.ca, error))?;
         fs::rename(&stage, &folder).map_err(|error| PkiError::file(&folder, error))?;
@@ -234,16 +210,16 @@ impl Authority {
         clock: &dyn Clock,
     ) -> Result<Certificate, PkiError> {
         let old = read(certificate)?;
-        let wrong = |cause: &str| PkiError::file(certificate, cause);
         if old.is_authority {
-            return Err(wrong("is an authority's: make a new one with `supertwin pki init` and issue anew"));
+            let cause = "is an authority's: make a new one with `supertwin pki init` and issue anew";
+            return Err(PkiError::file(certificate, cause));
         }
         if !old.is_signed_by(&self.certificate) {
             let cause = format!("was not signed by the authority in {}", self.folder.display());
             return Err(PkiError::file(certificate, cause));
         }
         let (Some(role), Some(scope)) = (old.role, old.scope.clone()) else {
-            return Err(wrong("has a common name without a role"));
+            return Err(PkiError::file(certificate, "has a common name without a role"));
         };
         let lived_s = u64::try_from(old.not_after_s - old.not_before_s).unwrap_or(0);
         let request = Request {
@@ -260,7 +236,7 @@ impl Authority {
         if next.exists() {
             fs::remove_file(&next).map_err(|error| PkiError::file(&next, error))?;
         }
-        write_new(&next, &pem)?;
+        write(&next, &pem, CERTIFICATE_MODE)?;
         fs::rename(&next, certificate).map_err(|error| PkiError::file(certificate, error))?;
         read(certificate)
     }
@@ -318,21 +294,14 @@ fn make_folder(path: &Path) -> Result<(), PkiError> {
     fs::DirBuilder::new().recursive(true).mode(0o700).create(path).map_err(|error| PkiError::file(path, error))
 }
 
-fn write_key(path: &Path, pem: &str) -> Result<(), PkiError> {
-    write(path, pem, 0o600)
-}
-
-fn write_new(path: &Path, pem: &str) -> Result<(), PkiError> {
-    write(path, pem, 0o644)
-}
+/// Modes of files: a key is for its owner only.
+const KEY_MODE: u32 = 0o600;
+const CERTIFICATE_MODE: u32 = 0o644;
 
 /// Writes a file that does not exist, through to the disk.
 fn write(path: &Path, pem: &str, mode: u32) -> Result<(), PkiError> {
-    let mut file = fs::OpenOptions::new()
-        .write(true)
-        .create_new(true)
-        .mode(mode)
-        .open(path)
-        .map_err(|error| PkiError::file(path, error))?;
-    file.write_all(pem.as_bytes()).and_then(|()| file.sync_all()).map_err(|error| PkiError::file(path, error))
+    let opened = fs::OpenOptions::new().write(true).create_new(true).mode(mode).open(path);
+    opened
+        .and_then(|mut file| file.write_all(pem.as_bytes()).and_then(|()| file.sync_all()))
+        .map_err(|error| PkiError::file(path, error))
 }

@@ -38,34 +38,21 @@ pub fn examine(place: &Path, within_s: i64, clock: &dyn Clock) -> Result<Vec<Exa
         return Ok(vec![examined(&found.certificate, alone, within_s, clock)?]);
     }
     let mut all = Vec::new();
-    let mut others: Vec<PathBuf> = fs::read_dir(place)
-        .map_err(|error| PkiError::file(place, error))?
-        .flatten()
-        .map(|entry| entry.path())
-        .filter(|path| path.extension().is_some_and(|extension| extension == "key"))
-        .collect();
-    others.sort();
+    let entries = fs::read_dir(place).map_err(|error| PkiError::file(place, error))?;
+    let mut holders: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).collect();
+    holders.sort();
     let authority = place.join(CA_CERTIFICATE);
     if authority.exists() && place.join(CA_KEY).exists() {
         let mut own = examined(&authority, None, within_s, clock)?;
         own.problems.extend(loose(&place.join(CA_KEY)));
         own.problems.extend(loose(place));
         all.push(own);
-        let mut folders: Vec<PathBuf> = fs::read_dir(place)
-            .map_err(|error| PkiError::file(place, error))?
-            .flatten()
-            .map(|entry| entry.path())
-            .filter(|path| path.is_dir() && !hidden(path))
-            .collect();
-        folders.sort();
-        for folder in folders {
-            let found = Credentials::find(&folder)?;
-            all.push(examined(&found.certificate, Some(&found), within_s, clock)?);
-        }
-        return Ok(all);
+        holders.retain(|path| path.is_dir() && !hidden(path));
+    } else {
+        holders.retain(|path| path.extension().is_some_and(|extension| extension == "key"));
     }
-    for key in others {
-        let found = Credentials::find(&key)?;
+    for holder in holders {
+        let found = Credentials::find(&holder)?;
         all.push(examined(&found.certificate, Some(&found), within_s, clock)?);
     }
     if all.is_empty() {

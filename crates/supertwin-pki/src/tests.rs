@@ -60,7 +60,7 @@ fn a_certificate_says_who_for_what_where_and_until_when() {
     assert_eq!(certificate.issuer, "rataren authority");
     assert_eq!(certificate.not_after_s, (NOW_S + 30 * 24 * 3600) as i64);
     assert_eq!(certificate.not_before_s, (NOW_S - 3600) as i64, "clocks may be behind");
-    assert!(!certificate.is_authority && certificate.is_signed_by(authority.certificate()));
+    assert!(!certificate.is_authority && certificate.is_signed_by(&authority.certificate));
     assert_eq!(certificate.not_after(), "2026-06-27 20:26:40 UTC");
 
     let files = authority.issue(&Request::new(Role::Operator, Scope::Fleet, "anna"), &NOW).expect("is legal");
@@ -125,7 +125,7 @@ fn names_that_would_leave_the_folder_or_replace_the_authority_are_refused() {
     let long = Scope::Vehicle("v".repeat(60));
     assert!(says(authority.issue(&Request::new(Role::Operator, long, "o"), &NOW)).contains("at most 64"));
     for lifetime in [Duration::ZERO, Duration::from_millis(900), Duration::from_secs(u64::MAX)] {
-        let request = Request::new(Role::Operator, argus(), "o").during(lifetime);
+        let request = Request { lifetime, ..Request::new(Role::Operator, argus(), "o") };
         assert!(says(authority.issue(&request, &NOW)).contains("lifetime"), "{lifetime:?}");
     }
 }
@@ -133,7 +133,8 @@ fn names_that_would_leave_the_folder_or_replace_the_authority_are_refused() {
 #[test]
 fn a_renewed_certificate_is_the_old_one_with_another_end() {
     let (_folder, authority) = fleet();
-    let request = Request::new(Role::Vehicle, argus(), "argus").at(&["argus.local"]).during(5 * DAY);
+    let request = Request::new(Role::Vehicle, argus(), "argus").at(&["argus.local"]);
+    let request = Request { lifetime: 5 * DAY, ..request };
     let files = authority.issue(&request, &NOW).expect("is legal");
     let old = read(&files.certificate).expect("was written");
     assert!(says(files.check(&after(6))).contains("argus.pem: expired on"), "{}", says(files.check(&after(6))));
@@ -157,9 +158,9 @@ fn a_renewed_certificate_is_the_old_one_with_another_end() {
 #[test]
 fn nothing_outlives_its_authority() {
     let (_folder, authority) = fleet();
-    let request = Request::new(Role::Operator, argus(), "o").during(365 * DAY);
+    let request = Request { lifetime: 365 * DAY, ..Request::new(Role::Operator, argus(), "o") };
     let files = authority.issue(&request, &after(5 * 365 - 10)).expect("is legal");
-    let end_s = authority.certificate().not_after_s;
+    let end_s = authority.certificate.not_after_s;
     assert_eq!(read(&files.certificate).expect("was written").not_after_s, end_s);
     let said = says(authority.issue(&Request::new(Role::Operator, argus(), "late"), &after(5 * 365 + 1)));
     assert!(said.contains("ca.pem: the authority expired on"), "{said}");
@@ -177,7 +178,7 @@ fn another_authoritys_certificates_are_neither_renewed_nor_believed() {
     let said = says(ours.renew(&other.certificate, None, &NOW));
     assert!(said.contains("was not signed by the authority in"), "{said}");
     assert_eq!(fs::read(&other.certificate).expect("is there"), before);
-    assert!(says(ours.renew(&ours.folder().join("ca.pem"), None, &NOW)).contains("is an authority's"));
+    assert!(says(ours.renew(&ours.folder.join("ca.pem"), None, &NOW)).contains("is an authority's"));
 
     let mixed = Credentials { certificate: other.certificate.clone(), ..mine.clone() };
     assert!(says(mixed.check(&NOW)).contains("was not signed by the authority"));
@@ -191,11 +192,11 @@ fn another_authoritys_certificates_are_neither_renewed_nor_believed() {
 fn credentials_are_found_by_folder_certificate_or_name() {
     let (_folder, authority) = fleet();
     let files = authority.issue(&Request::new(Role::Operator, argus(), "anna"), &NOW).expect("is legal");
-    let place = authority.folder().join("anna");
+    let place = authority.folder.join("anna");
     for path in [place.clone(), place.join("anna"), place.join("anna.pem"), place.join("anna.key")] {
         assert_eq!(Credentials::find(&path).as_ref(), Ok(&files), "{}", path.display());
     }
-    assert!(says(Credentials::find(authority.folder())).contains("the authority's own folder"));
+    assert!(says(Credentials::find(&authority.folder)).contains("the authority's own folder"));
     assert!(says(Credentials::find(&place.join("ben"))).contains("no credentials"));
     let none = tempfile::tempdir().expect("a folder");
     assert!(says(Credentials::find(none.path())).contains("no NAME.key"));
@@ -212,7 +213,7 @@ fn what_needs_a_hand_is_said_with_its_remedy() {
     let (_folder, authority) = fleet();
     let files = authority.issue(&Request::new(Role::Operator, argus(), "anna"), &NOW).expect("is legal");
     let problems = |within_s: i64, clock: &At| -> Vec<String> {
-        let all = examine(authority.folder(), within_s, clock).expect("can be read");
+        let all = examine(&authority.folder, within_s, clock).expect("can be read");
         assert_eq!(all.len(), 2, "the authority and anna");
         all.into_iter().flat_map(|one| one.problems).collect()
     };

@@ -11,7 +11,7 @@ pub trait Clock: Send + Sync {
     fn unix_ns(&self) -> u64;
 }
 
-/// The machine's clocks.
+/// The machine's monotonic clock and its wall clock.
 #[derive(Clone, Copy, Debug)]
 pub struct SystemClock(Instant);
 

@@ -5,11 +5,11 @@ use crate::lease::LeaseView;
 use schemars::JsonSchema;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
-use serde_json::{Map, Value};
+use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::time::Duration;
 use supertwin_core::Refusal;
-use supertwin_core::event::CommandSource;
+use supertwin_core::event::{CommandSource, EventCommand};
 use xxhash_rust::xxh3::xxh3_64;
 
 /// Largest request that is looked at, in bytes.
@@ -104,7 +104,7 @@ pub struct CommandQueue<C> {
     pub counts: CommandCounts,
 }
 
-/// The moment of a request: the wall, the next tick, its length, and how far ahead commands are scheduled.
+/// The time of a request: the wall clock, the next tick, its length, and how far ahead commands are scheduled.
 #[derive(Clone, Copy, Debug)]
 pub struct RequestTime {
     /// Time of the host's clock.
@@ -123,7 +123,7 @@ impl<C: Serialize + DeserializeOwned + Clone> CommandQueue<C> {
     pub fn new(mission: &[(u64, C)]) -> Self {
         let mut waiting: BTreeMap<u64, Vec<ScheduledCommand<C>>> = BTreeMap::new();
         for (tick, command) in mission {
-            let name = name_of(command);
+            let name = EventCommand::new("", json!(command), None).name;
             waiting.entry(*tick).or_default().push(ScheduledCommand { command: command.clone(), by: None, name });
         }
         Self { clients: BTreeMap::new(), waiting, counts: CommandCounts::default() }
@@ -135,21 +135,17 @@ impl<C: Serialize + DeserializeOwned + Clone> CommandQueue<C> {
         name: &str,
         payload: &[u8],
         lease: &LeaseView,
-        moment: RequestTime,
+        time: RequestTime,
         attempt: impl FnOnce(&C) -> Result<(), Refusal>,
     ) -> Answer {
-        let refused = |seq: u64, reason: String| Answer::Refused { seq, reason };
         let request = match read(payload) {
             Ok(request) => request,
-            Err(reason) => {
-                self.counts.refused += 1;
-                return refused(0, reason);
-            }
+            Err(reason) => return self.refuse(0, reason),
         };
         let body = xxh3_64(payload) ^ xxh3_64(name.as_bytes());
         // Numbers count from one lease to the next: who acquires anew may begin with 1 again.
         let lease_number = xxh3_64(request.token.as_bytes());
-        // A cry for help is heard every time, under whatever name and number, and leaves no trace in anybody's memory.
+        // An emergency stop is obeyed every time, under whatever name and number, and none of it is remembered.
         let emergency = name == "neutral" && request.value == Value::Bool(true);
         let known = self.clients.get(&request.client).filter(|known| known.lease == lease_number);
         if let Some(known) = known.filter(|_| !emergency) {
@@ -158,28 +154,29 @@ impl<C: Serialize + DeserializeOwned + Clone> CommandQueue<C> {
                 return known.answer.clone();
             }
             if request.seq <= known.seq {
-                self.counts.refused += 1;
                 let reason = format!("seq = {}: must be greater than {}, the last one", request.seq, known.seq);
-                return refused(request.seq, reason);
+                return self.refuse(request.seq, reason);
             }
         }
-        let authority = if emergency { Ok(()) } else { lease.allows(&request.client, &request.token, moment.now) };
-        let answer = match authority.and_then(|()| self.schedule(name, &request, emergency, moment, attempt)) {
+        let authority = if emergency { Ok(()) } else { lease.allows(&request.client, &request.token, time.now) };
+        let answer = match authority.and_then(|()| self.schedule(name, &request, emergency, time, attempt)) {
             Ok((apply_tick, fresh)) => {
                 self.counts.scheduled += u64::from(fresh);
                 self.counts.repeated += u64::from(!fresh);
-                Answer::Scheduled { seq: request.seq, apply_tick, tick: moment.next }
+                Answer::Scheduled { seq: request.seq, apply_tick, tick: time.next }
             }
-            Err(reason) => {
-                self.counts.refused += 1;
-                return refused(request.seq, reason);
-            }
+            Err(reason) => return self.refuse(request.seq, reason),
         };
         if !emergency {
-            let (seq, at) = (request.seq, moment.now);
+            let (seq, at) = (request.seq, time.now);
             self.remember(request.client, LastRequest { lease: lease_number, seq, body, answer: answer.clone(), at });
         }
         answer
+    }
+
+    fn refuse(&mut self, seq: u64, reason: String) -> Answer {
+        self.counts.refused += 1;
+        Answer::Refused { seq, reason }
     }
 
     fn schedule(
@@ -187,17 +184,17 @@ impl<C: Serialize + DeserializeOwned + Clone> CommandQueue<C> {
         name: &str,
         request: &Request,
         emergency: bool,
-        moment: RequestTime,
+        time: RequestTime,
         attempt: impl FnOnce(&C) -> Result<(), Refusal>,
     ) -> Result<(u64, bool), String> {
         let command = build(name, request.value.clone())?;
         attempt(&command).map_err(|refusal| refusal.0)?;
-        let soon = if emergency { moment.next } else { moment.next + moment.lead };
-        let farthest = moment.next.saturating_add((MAX_AHEAD_S / moment.tick_s) as u64);
+        let soon = if emergency { time.next } else { time.next + time.lead };
+        let farthest = time.next.saturating_add((MAX_AHEAD_S / time.tick_s) as u64);
         let tick = match request.at_tick {
             Some(_) if emergency => soon,
-            Some(tick) if tick < moment.next => {
-                return Err(format!("at_tick = {tick}: is over; the next tick is {}", moment.next));
+            Some(tick) if tick < time.next => {
+                return Err(format!("at_tick = {tick}: is over; the next tick is {}", time.next));
             }
             Some(tick) if tick > farthest => {
                 return Err(format!("at_tick = {tick}: must be at most {farthest}, an hour ahead"));
@@ -208,7 +205,7 @@ impl<C: Serialize + DeserializeOwned + Clone> CommandQueue<C> {
         if emergency && self.waiting.get(&tick).is_some_and(|all| all.iter().any(|other| other.name == name)) {
             return Ok((tick, false));
         }
-        if !emergency && self.waiting.values().map(Vec::len).sum::<usize>() >= MAX_WAITING {
+        if !emergency && self.waiting() >= MAX_WAITING {
             return Err(format!("{MAX_WAITING} commands wait already"));
         }
         let by = Some(CommandSource { client: request.client.clone(), seq: Some(request.seq) });
@@ -271,20 +268,8 @@ fn read(payload: &[u8]) -> Result<Request, String> {
 
 /// `{name: value}` as the service's command; commands without a value are their name.
 fn build<C: DeserializeOwned>(name: &str, value: Value) -> Result<C, String> {
-    let whole = if value.is_null() {
-        Value::String(name.to_owned())
-    } else {
-        Value::Object(Map::from_iter([(name.to_owned(), value)]))
-    };
+    let whole = if value.is_null() { json!(name) } else { json!({ name: value }) };
     serde_json::from_value(whole).map_err(|error| format!("{name}: {error}"))
-}
-
-fn name_of(command: &impl Serialize) -> String {
-    match serde_json::to_value(command) {
-        Ok(Value::Object(map)) => map.keys().next().cloned().unwrap_or_default(),
-        Ok(Value::String(name)) => name,
-        _ => String::new(),
-    }
 }
 
 fn name_of_request(name: &str, request: &Request) -> String {
@@ -299,7 +284,6 @@ mod tests {
     use super::*;
     use crate::lease::{Authority, LeaseAction, LeaseRequest};
     use proptest::prelude::*;
-    use serde_json::json;
     use supertwin_core::command::{ControllerCommand, GuidanceCommand};
 
     const NOW: Duration = Duration::from_secs(1);
@@ -313,7 +297,7 @@ mod tests {
         let request =
             LeaseRequest { client: client.to_owned(), action: LeaseAction::Acquire, for_s: 50.0, token: String::new() };
         assert!(authority.answer(&request, "t", NOW).0.granted);
-        authority.view().clone()
+        authority.view.clone()
     }
 
     fn request_time(next: u64) -> RequestTime {
@@ -402,7 +386,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cry_for_help_is_heard_every_time_and_locks_nobody_out() {
+    fn an_emergency_stop_is_obeyed_every_time_and_locks_nobody_out() {
         let mut queue: CommandQueue<ControllerCommand> = CommandQueue::new(&[]);
         let mut ask = |seq: u64, token: &str, value: bool, next: u64| {
             let body = json!({"client": "anna", "seq": seq, "token": token, "value": value});
@@ -412,7 +396,7 @@ mod tests {
         };
         assert_eq!(ask(1, "", true, 10), (true, 1));
         assert_eq!(ask(1, "t", false, 20), (true, 1));
-        assert_eq!(ask(1, "", true, 30), (true, 1), "the same words again are a new cry");
+        assert_eq!(ask(1, "", true, 30), (true, 1), "the same words again are a new one");
         assert_eq!(ask(u64::MAX, "", true, 40), (true, 1));
         assert_eq!(ask(2, "t", false, 50), (true, 1), "nobody has used up anna's numbers");
     }

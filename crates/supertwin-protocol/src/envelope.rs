@@ -5,6 +5,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 use std::time::Duration;
+use supertwin_core::Tick;
 
 /// Largest payload that is looked at, in bytes.
 pub const MAX_PAYLOAD: usize = 64 * 1024;
@@ -33,15 +34,25 @@ pub struct Envelope<'a, T> {
     #[serde(borrow, default, skip_serializing_if = "Option::is_none")]
     pub digest: Option<Cow<'a, str>>,
     /// Sent again because nothing was heard.
-    #[serde(default, skip_serializing_if = "is_false")]
+    #[serde(default, skip_serializing_if = "core::ops::Not::not")]
     pub repeat: bool,
     /// The message.
     pub data: T,
 }
 
-#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde calls it so")]
-fn is_false(flag: &bool) -> bool {
-    !flag
+impl<'a> Envelope<'a, ()> {
+    /// Of a message of `source` that is made at a tick, without digest and for the first time.
+    #[must_use]
+    pub fn new(run: &'a str, source: &'a str, tick: Tick, seq: u64, clock_ns: u64) -> Self {
+        let (run, source, sim_time_s) = (run.into(), source.into(), tick.t_s());
+        Self { run, source, tick: tick.k, seq, sim_time_s, clock_ns, digest: None, repeat: false, data: () }
+    }
+
+    /// The same around a message.
+    pub fn with<T>(self, data: T) -> Envelope<'a, T> {
+        let Self { run, source, tick, seq, sim_time_s, clock_ns, digest, repeat, .. } = self;
+        Envelope { run, source, tick, seq, sim_time_s, clock_ns, digest, repeat, data }
+    }
 }
 
 /// A sample that was heard.
@@ -57,23 +68,17 @@ pub struct Received {
     pub at: Duration,
 }
 
-/// A payload that is no message.
+/// Why a payload is no message: too long, and therefore not parsed, no JSON, or not of this message's schema.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum Rejected {
-    /// Too long, and therefore not parsed.
-    #[error("{0} bytes: must be at most {MAX_PAYLOAD}")]
-    TooLarge(usize),
-    /// No JSON, or not of this message's schema.
-    #[error("{0}")]
-    Malformed(String),
-}
+#[error("{0}")]
+pub struct Rejected(pub String);
 
 /// Appends the JSON of `envelope` to `out`.
 ///
 /// # Errors
 /// When the value can't be written as JSON.
 pub fn encode<T: Serialize>(envelope: &Envelope<'_, T>, out: &mut Vec<u8>) -> Result<(), Rejected> {
-    serde_json::to_writer(out, envelope).map_err(|error| Rejected::Malformed(error.to_string()))
+    serde_json::to_writer(out, envelope).map_err(|error| Rejected(error.to_string()))
 }
 
 /// Reads a message. JSON has no NaN and no infinity, and a number too large for a double is refused: what comes
@@ -83,9 +88,9 @@ pub fn encode<T: Serialize>(envelope: &Envelope<'_, T>, out: &mut Vec<u8>) -> Re
 /// Says what is wrong, and where.
 pub fn decode<T: DeserializeOwned>(payload: &[u8]) -> Result<Envelope<'_, T>, Rejected> {
     if payload.len() > MAX_PAYLOAD {
-        return Err(Rejected::TooLarge(payload.len()));
+        return Err(Rejected(format!("{} bytes: must be at most {MAX_PAYLOAD}", payload.len())));
     }
-    serde_json::from_slice(payload).map_err(|error| Rejected::Malformed(error.to_string()))
+    serde_json::from_slice(payload).map_err(|error| Rejected(error.to_string()))
 }
 
 /// Reads who sent a message, when, and with which number; what it says is not looked at.
@@ -102,17 +107,9 @@ mod tests {
     use supertwin_core::message::{Measurements, Nav};
 
     fn envelope<T>(data: T) -> Envelope<'static, T> {
-        Envelope {
-            run: "r1".into(),
-            source: "estimator-1".into(),
-            tick: 7,
-            seq: 8,
-            sim_time_s: 0.14,
-            clock_ns: 1,
-            digest: Some("00000000000000ff".into()),
-            repeat: false,
-            data,
-        }
+        let mut envelope = Envelope::new("r1", "estimator-1", Tick { k: 7, dt_s: 0.02 }, 8, 1).with(data);
+        envelope.digest = Some("00000000000000ff".into());
+        envelope
     }
 
     #[test]
@@ -145,6 +142,7 @@ mod tests {
         }
         assert!(decode::<Measurements>(good.as_bytes()).is_ok());
         let padded = format!("{good}{}", " ".repeat(MAX_PAYLOAD));
-        assert!(matches!(decode::<Measurements>(padded.as_bytes()), Err(Rejected::TooLarge(_))));
+        let rejected = decode::<Measurements>(padded.as_bytes()).expect_err("too long");
+        assert!(rejected.0.contains("bytes: must be at most 65536"), "{rejected}");
     }
 }

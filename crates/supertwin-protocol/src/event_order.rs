@@ -3,8 +3,7 @@
 //! An advanced subscriber recovers what the network lost; but an event that arrives while it still waits for the
 //! history makes it leave the beginning out. The service keeps its last events, so they can be asked for.
 
-use crate::envelope::{Envelope, Received, decode};
-use serde::de::IgnoredAny;
+use crate::envelope::{Received, head};
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
 
@@ -17,7 +16,7 @@ const LINES: usize = 1024;
 /// Questions before a gap is accepted: the service is gone, or has forgotten.
 const QUESTIONS: u32 = 5;
 
-#[derive(Debug)]
+#[derive(Debug, Default)]
 struct Line {
     next: u64,
     held: BTreeMap<u64, Received>,
@@ -34,42 +33,36 @@ pub struct EventOrder {
 
 impl EventOrder {
     /// Takes an event that has arrived at `now`, in whatever order.
-    pub fn push(&mut self, heard: Received, now: Duration) {
-        let header = decode::<IgnoredAny>(&heard.payload).ok();
-        let Some((source, seq)) = header.map(|event: Envelope<'_, IgnoredAny>| (event.source.into_owned(), event.seq))
-        else {
+    pub fn push(&mut self, received: Received, now: Duration) {
+        let header = head(&received.payload).ok().map(|event| (event.source.into_owned(), event.seq));
+        let Some((source, seq)) = header else {
             // No event of ours; whoever listens may know what it is.
-            self.ready.push_back(heard);
+            self.ready.push_back(received);
             return;
         };
-        let key = (heard.key.clone(), source);
+        let key = (received.key.clone(), source);
         let next = self.lines.get(&key).map(|line| line.next);
         if (next.is_none() && self.lines.len() >= LINES)
             || next.is_some_and(|next| seq > next.saturating_add(EVENTS_KEPT as u64))
         {
             // Too many writers, or a number from far away: shown, but nothing is concluded from it.
-            self.ready.push_back(heard);
+            self.ready.push_back(received);
             return;
         }
-        let line = self.lines.entry(key).or_insert_with(|| Line {
-            next: 1,
-            held: BTreeMap::new(),
-            due: Duration::ZERO,
-            asked: 0,
-        });
+        let line = self.lines.entry(key).or_insert_with(|| Line { next: 1, ..Line::default() });
         if seq < line.next {
             return;
         }
         if line.held.is_empty() {
             (line.due, line.asked) = (now + PATIENCE, 0);
         }
-        line.held.insert(seq, heard);
+        line.held.insert(seq, received);
         Self::release(line, &mut self.ready);
     }
 
     fn release(line: &mut Line, ready: &mut VecDeque<Received>) {
-        while let Some(heard) = line.held.remove(&line.next) {
-            ready.push_back(heard);
+        while let Some(received) = line.held.remove(&line.next) {
+            ready.push_back(received);
             line.next = line.next.saturating_add(1);
         }
     }
@@ -115,7 +108,7 @@ mod tests {
     }
 
     fn numbers(order: &mut EventOrder) -> Vec<u64> {
-        std::iter::from_fn(|| order.pop()).map(|heard| heard.at.as_secs()).collect()
+        std::iter::from_fn(|| order.pop()).map(|received| received.at.as_secs()).collect()
     }
 
     #[test]

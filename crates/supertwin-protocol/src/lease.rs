@@ -99,40 +99,35 @@ fn hash(token: &str) -> String {
 /// The lease as a service sees it.
 #[derive(Clone, Debug, Default)]
 pub struct LeaseView {
-    keeper: String,
+    /// As it was told; how long it lasts is told by `until`.
+    state: LeaseState,
     /// The keeper died with a lease in force, and nobody has taken a new one.
     orphaned: bool,
-    holder: Option<String>,
-    token_sha256: String,
     until: Duration,
-    ended: Ended,
 }
 
 impl LeaseView {
     /// Takes over what the vehicle says.
     pub fn update(&mut self, state: LeaseState, now: Duration) {
-        let forgotten = self.keeper != state.keeper && self.holder.is_some() && state.holder.is_none();
+        let forgotten = self.state.keeper != state.keeper && self.state.holder.is_some() && state.holder.is_none();
         self.orphaned = (self.orphaned || forgotten) && state.holder.is_none();
-        self.keeper = state.keeper;
         let left_s = if state.expires_in_s.is_finite() { state.expires_in_s.clamp(0.0, MAX_LEASE_S) } else { 0.0 };
-        self.holder = state.holder;
-        self.token_sha256 = state.token_sha256;
         self.until = now + Duration::from_secs_f64(left_s);
-        self.ended = state.ended;
+        self.state = state;
     }
 
     /// Who holds it now.
     #[must_use]
     pub fn holder(&self, now: Duration) -> Option<&str> {
-        self.holder.as_deref().filter(|_| now < self.until)
+        self.state.holder.as_deref().filter(|_| now < self.until)
     }
 
     /// The holder is gone without having given the lease back.
     #[must_use]
     pub fn operator_lost(&self, now: Duration) -> bool {
-        match &self.holder {
+        match &self.state.holder {
             Some(_) => now >= self.until,
-            None => self.orphaned || self.ended != Ended::Properly,
+            None => self.orphaned || self.state.ended != Ended::Properly,
         }
     }
 
@@ -144,7 +139,7 @@ impl LeaseView {
         match self.holder(now) {
             None => Err(format!("nobody holds the authority: acquire it first ({})", keys::LEASE)),
             Some(holder) if holder != client => Err(format!("{holder} holds the authority")),
-            Some(holder) if hash(token) != self.token_sha256 => {
+            Some(holder) if hash(token) != self.state.token_sha256 => {
                 Err(format!("wrong token: {holder} holds the authority with another"))
             }
             Some(_) => Ok(()),
@@ -155,31 +150,21 @@ impl LeaseView {
 /// Grants and takes back the lease.
 #[derive(Clone, Debug, Default)]
 pub struct Authority {
-    view: LeaseView,
+    /// The lease as it stands now.
+    pub view: LeaseView,
 }
 
 impl Authority {
-    /// The lease as it stands now.
-    #[must_use]
-    pub fn view(&self) -> &LeaseView {
-        &self.view
-    }
-
     /// What to tell the others.
     #[must_use]
     pub fn state(&self, keeper: &str, now: Duration) -> LeaseState {
-        LeaseState {
-            keeper: keeper.to_owned(),
-            holder: self.view.holder.clone(),
-            token_sha256: self.view.token_sha256.clone(),
-            expires_in_s: self.view.until.saturating_sub(now).as_secs_f64(),
-            ended: self.view.ended,
-        }
+        let expires_in_s = self.view.until.saturating_sub(now).as_secs_f64();
+        LeaseState { keeper: keeper.to_owned(), expires_in_s, ..self.view.state.clone() }
     }
 
     /// A lease that ran out ends; whose it was, when it did just now.
     pub fn expire(&mut self, now: Duration) -> Option<String> {
-        let expired = self.view.holder.take_if(|_| now >= self.view.until);
+        let expired = self.view.state.holder.take_if(|_| now >= self.view.until);
         if expired.is_some() {
             self.end(Ended::Expired);
         }
@@ -188,7 +173,7 @@ impl Authority {
 
     /// A client's liveliness token is gone; true when it was the holder's.
     pub fn vanished(&mut self, client: &str) -> bool {
-        let was = self.view.holder.as_deref() == Some(client);
+        let was = self.view.state.holder.as_deref() == Some(client);
         if was {
             self.end(Ended::Vanished);
         }
@@ -196,7 +181,7 @@ impl Authority {
     }
 
     fn end(&mut self, ended: Ended) {
-        self.view = LeaseView { ended, ..LeaseView::default() };
+        self.view = LeaseView { state: LeaseState { ended, ..LeaseState::default() }, ..LeaseView::default() };
     }
 
     /// Answers a request; `new_token` is used when a lease is granted. The flag says whether anything changed.
@@ -222,12 +207,10 @@ impl Authority {
                 // A token that the client proposes makes a repeated request harmless.
                 let long = (MIN_TOKEN..=MAX_TOKEN).contains(&request.token.len());
                 let new_token = if long { &request.token } else { new_token };
-                self.view = LeaseView {
-                    holder: Some(request.client.clone()),
-                    token_sha256: hash(new_token),
-                    until: now + Duration::from_secs_f64(request.for_s),
-                    ..LeaseView::default()
-                };
+                let (holder, token_sha256) = (Some(request.client.clone()), hash(new_token));
+                let state = LeaseState { holder, token_sha256, ..LeaseState::default() };
+                let until = now + Duration::from_secs_f64(request.for_s);
+                self.view = LeaseView { state, orphaned: false, until };
                 token = Some(new_token.to_owned());
                 changed = true;
                 Ok(())
@@ -273,9 +256,9 @@ mod tests {
         let (reply, changed) = authority.answer(&ask("ben", LeaseAction::Acquire, ""), "other", S(1));
         assert!(!reply.granted && !changed && reply.token.is_none());
         assert_eq!(reply.reason.as_deref(), Some("anna holds the authority"));
-        assert!(authority.view().allows("anna", "secret", S(2)).is_ok());
-        assert!(authority.view().allows("anna", "guess", S(2)).is_err());
-        assert!(authority.view().allows("ben", "secret", S(2)).is_err());
+        assert!(authority.view.allows("anna", "secret", S(2)).is_ok());
+        assert!(authority.view.allows("anna", "guess", S(2)).is_err());
+        assert!(authority.view.allows("ben", "secret", S(2)).is_err());
         let (reply, _) = authority.answer(&ask("anna", LeaseAction::Renew, "guess"), "x", S(2));
         assert!(!reply.granted);
     }
@@ -284,16 +267,16 @@ mod tests {
     fn a_lease_that_runs_out_loses_the_operator_and_one_given_back_does_not() {
         let mut authority = Authority::default();
         authority.answer(&ask("anna", LeaseAction::Acquire, ""), "t", S(0));
-        assert!(!authority.view().operator_lost(S(4)));
-        assert!(authority.view().operator_lost(S(5)), "even before anybody noticed");
-        assert!(authority.expire(S(6)).is_some() && authority.view().operator_lost(S(6)));
+        assert!(!authority.view.operator_lost(S(4)));
+        assert!(authority.view.operator_lost(S(5)), "even before anybody noticed");
+        assert!(authority.expire(S(6)).is_some() && authority.view.operator_lost(S(6)));
         authority.answer(&ask("ben", LeaseAction::Acquire, ""), "u", S(7));
-        assert!(!authority.view().operator_lost(S(7)));
+        assert!(!authority.view.operator_lost(S(7)));
         let (reply, _) = authority.answer(&ask("ben", LeaseAction::Release, "u"), "", S(8));
-        assert!(reply.reason.is_none() && !authority.view().operator_lost(S(20)));
+        assert!(reply.reason.is_none() && !authority.view.operator_lost(S(20)));
         authority.answer(&ask("ben", LeaseAction::Acquire, ""), "v", S(21));
         assert!(!authority.vanished("anna") && authority.vanished("ben"));
-        assert!(authority.view().operator_lost(S(21)));
+        assert!(authority.view.operator_lost(S(21)));
     }
 
     #[test]
@@ -315,7 +298,7 @@ mod tests {
         for _ in 0..2 {
             assert!(authority.answer(&ask("anna", LeaseAction::Acquire, proposed), "other", S(0)).0.granted);
         }
-        assert!(authority.view().allows("anna", proposed, S(1)).is_ok());
+        assert!(authority.view.allows("anna", proposed, S(1)).is_ok());
         assert!(!authority.answer(&ask("anna", LeaseAction::Acquire, "0123"), "x", S(1)).0.granted);
     }
 

@@ -47,14 +47,16 @@ pub enum SequenceCheck {
 }
 
 /// The account of one wire.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Ledger {
-    source: String,
+    /// Service and instance of the writer.
+    pub source: String,
     first_seq: u64,
     last_seq: u64,
     /// Bit i: number `last_seq − i` has been seen.
     window: u128,
-    heard_at: Duration,
+    /// When something of the writer last arrived.
+    pub received_at: Duration,
     silence: Duration,
     /// Counters of what the sequence numbers meant.
     pub counts: Counts,
@@ -64,21 +66,7 @@ impl Ledger {
     /// A second writer is let in when the first has been silent for `silence`.
     #[must_use]
     pub fn new(silence: Duration) -> Self {
-        Self {
-            source: String::new(),
-            first_seq: 0,
-            last_seq: 0,
-            window: 0,
-            heard_at: Duration::ZERO,
-            silence,
-            counts: Counts::default(),
-        }
-    }
-
-    /// Service and instance of the writer.
-    #[must_use]
-    pub fn source(&self) -> &str {
-        &self.source
+        Self { silence, ..Self::default() }
     }
 
     /// First and newest number of the present writer.
@@ -87,33 +75,27 @@ impl Ledger {
         [self.first_seq, self.last_seq]
     }
 
-    /// When the writer was last heard.
-    #[must_use]
-    pub fn heard_at(&self) -> Duration {
-        self.heard_at
-    }
-
     /// The reader was held up for `stall` until `now`: the writer's silence does not count for as long.
     pub fn forgive(&mut self, stall: Duration, now: Duration) {
-        self.heard_at = (self.heard_at + stall).min(now);
+        self.received_at = (self.received_at + stall).min(now);
     }
 
     /// Enters the number of a message that has arrived at `now`, and tells what it means.
     pub fn enter(&mut self, source: &str, seq: u64, now: Duration) -> SequenceCheck {
         if self.source != source {
-            let alive = !self.source.is_empty() && now.saturating_sub(self.heard_at) < self.silence;
+            let alive = !self.source.is_empty() && now.saturating_sub(self.received_at) < self.silence;
             if alive {
                 self.counts.rivals += 1;
                 return SequenceCheck::Rival;
             }
             let first = self.source.is_empty();
             source.clone_into(&mut self.source);
-            (self.first_seq, self.last_seq, self.window, self.heard_at) = (seq, seq, 1, now);
+            (self.first_seq, self.last_seq, self.window, self.received_at) = (seq, seq, 1, now);
             self.counts.received += 1;
             self.counts.takeovers += u64::from(!first);
             return if first { SequenceCheck::New { gap: 0 } } else { SequenceCheck::Takeover };
         }
-        self.heard_at = now;
+        self.received_at = now;
         if seq > self.last_seq {
             let ahead = seq - self.last_seq;
             self.window = if ahead < WINDOW { (self.window << ahead) | 1 } else { 1 };

@@ -10,20 +10,11 @@
 //! A message of tick 7 on its way, and who may listen to it:
 //!
 //! ```
+//! use supertwin_core::Tick;
 //! use supertwin_protocol::access::{Verb, matrix};
 //! use supertwin_protocol::{Envelope, Role, decode, encode, keys};
 //!
-//! let envelope = Envelope {
-//!     run: "first".into(),
-//!     source: "plant".into(),
-//!     tick: 7,
-//!     seq: 8,
-//!     sim_time_s: 0.14,
-//!     clock_ns: 0,
-//!     digest: None,
-//!     repeat: false,
-//!     data: 3.5,
-//! };
+//! let envelope = Envelope::new("first", "plant", Tick { k: 7, dt_s: 0.02 }, 8, 0).with(3.5);
 //! let mut payload = Vec::new();
 //! encode(&envelope, &mut payload)?;
 //! assert_eq!(decode::<f64>(&payload)?, envelope);

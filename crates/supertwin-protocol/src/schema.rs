@@ -33,6 +33,8 @@ pub struct Described {
 #[must_use]
 pub fn all() -> Vec<Described> {
     let any = "*";
+    let measured_beside = "what the sensors of the twin beside a real vehicle deliver";
+    let signals = "names and units of a service's signals";
     vec![
         message::<Measurements>("measurements", "what the sensors delivered at a tick"),
         message::<Truth>("truth", "the true state, for recordings and scores"),
@@ -40,21 +42,13 @@ pub fn all() -> Vec<Described> {
         message::<Reference>("reference", "smooth references with their derivatives"),
         message::<Thrust>("thrust", "thruster commands, and the wrench wanted and made"),
         message::<WrenchRequest>("wrench_request", "a wrench from outside, for the law external"),
-        of::<Envelope<'static, Measurements>>(
-            "shadow_measurements",
-            keys::shadow(Measurements::KEY),
-            "what the sensors of the twin beside a real vehicle deliver",
-        ),
-        of::<Envelope<'static, Truth>>("shadow_truth", keys::shadow(Truth::KEY), "where that twin is"),
-        of::<Envelope<'static, Telemetry>>("telemetry", keys::telemetry(any), "everything a service shows at a tick"),
-        of::<Envelope<'static, Event>>("event", keys::event(any), "something that happened and must not be lost"),
+        around::<Measurements>("shadow_measurements", keys::shadow(Measurements::KEY), measured_beside),
+        around::<Truth>("shadow_truth", keys::shadow(Truth::KEY), "where that twin is"),
+        around::<Telemetry>("telemetry", keys::telemetry(any), "everything a service shows at a tick"),
+        around::<Event>("event", keys::event(any), "something that happened and must not be lost"),
         of::<Health>("health", keys::health(any), "a service's counters, once a second"),
         of::<Properties>("run", keys::state(any, "run"), "what is needed to repeat the run"),
-        of::<Vec<Description<'static>>>(
-            "signals",
-            keys::state(any, "signals"),
-            "names and units of a service's signals",
-        ),
+        of::<Vec<Description<'static>>>("signals", keys::state(any, "signals"), signals),
         of::<Value>("parameters", keys::state(any, "parameters"), "names and values of what can be tuned, as a tree"),
         of::<Applied>("applied", keys::state(any, any), "the last accepted command of a name"),
         of::<Now>("now", keys::state(any, "now"), "which run and tick it is"),
@@ -71,12 +65,16 @@ pub fn all() -> Vec<Described> {
         command::<ControllerCommand>("controller_command", "controller"),
         of::<StreamedSetpoint>("setpoint", keys::setpoint(any), "one sample of a streaming set-point"),
         of::<Pong>("pong", keys::PING.to_owned(), "the vehicle's clock"),
-        of::<Envelope<'static, Value>>("envelope", "**".to_owned(), "what is around data in any message of a tick"),
+        around::<Value>("envelope", "**".to_owned(), "what is around data in any message of a tick"),
     ]
 }
 
 fn message<M: Message + JsonSchema>(name: &'static str, about: &'static str) -> Described {
-    of::<Envelope<'static, M>>(name, M::KEY.to_owned(), about)
+    around::<M>(name, M::KEY.to_owned(), about)
+}
+
+fn around<T: JsonSchema>(name: &'static str, key: String, about: &'static str) -> Described {
+    of::<Envelope<'static, T>>(name, key, about)
 }
 
 /// A request names the command by its key and carries its value; missions write both as one table.

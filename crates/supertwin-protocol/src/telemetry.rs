@@ -13,7 +13,8 @@ use supertwin_core::{Block, Observe, Probe, Signal};
 #[derive(Debug, Serialize)]
 pub struct Shown<'a, B: Block> {
     /// What of its inputs the step used.
-    pub used: &'a Used,
+    #[serde(serialize_with = "map")]
+    pub used: Used,
     /// Steps that the block has done in this run, this one included, and those that nothing was sent of.
     pub steps: u64,
     /// The operator was lost.
@@ -30,42 +31,18 @@ pub struct Shown<'a, B: Block> {
     pub signals: (&'a B, &'a B::Out),
 }
 
-/// Ticks of the messages that a step used, by key.
-#[derive(Debug, Default)]
-pub struct Used {
-    keys: Vec<(&'static str, usize)>,
-    ticks: Vec<u64>,
-}
+/// Ticks of the messages that a step used, by key and in the order of the wires.
+pub type Used = Vec<(&'static str, Vec<u64>)>;
 
-impl Used {
-    /// The ticks of this key.
-    pub fn push(&mut self, key: &'static str, ticks: &[u64]) {
-        self.ticks.extend_from_slice(ticks);
-        self.keys.push((key, self.ticks.len()));
-    }
-
-    /// Forgets everything.
-    pub fn clear(&mut self) {
-        self.keys.clear();
-        self.ticks.clear();
-    }
-}
-
-impl Serialize for Used {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        let mut from = 0;
-        serializer.collect_map(self.keys.iter().map(|(key, to)| {
-            let ticks = &self.ticks[from..*to];
-            from = *to;
-            (*key, ticks)
-        }))
-    }
+fn map<S: Serializer>(used: &Used, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_map(used.iter().map(|(key, ticks)| (key, ticks)))
 }
 
 /// The signals that a block has shown so far: what a recorder needs to know of them beside their numbers.
 #[derive(Debug, Default)]
 pub struct SignalList {
-    known: Vec<&'static Signal>,
+    /// In the order in which they are shown.
+    pub known: Vec<&'static Signal>,
     cursor: usize,
     grown: bool,
 }
@@ -77,11 +54,6 @@ impl SignalList {
         block.observe(self);
         out.observe(self);
         self.grown
-    }
-
-    /// Path, components, units and meaning of all of them.
-    pub fn descriptions(&self) -> Vec<Description<'static>> {
-        self.known.iter().map(|signal| Description::of(signal)).collect()
     }
 
     fn add(&mut self, signal: &'static Signal) {
@@ -109,7 +81,7 @@ impl Probe for SignalList {
     }
 }
 
-/// A signal without its numbers, as `state/<service>/signals` lists them.
+/// A [`Signal`] as `state/<service>/signals` lists it, without its numbers.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Description<'a> {
@@ -122,20 +94,6 @@ pub struct Description<'a> {
     pub units: Vec<Cow<'a, str>>,
     /// What the signal means.
     pub about: Cow<'a, str>,
-}
-
-impl Description<'static> {
-    /// The description of a signal.
-    #[must_use]
-    pub fn of(signal: &'static Signal) -> Self {
-        let all = |words: &'static [&'static str]| words.iter().map(|word| Cow::Borrowed(*word)).collect();
-        Self {
-            path: Cow::Borrowed(signal.path),
-            components: all(signal.components),
-            units: all(signal.units),
-            about: Cow::Borrowed(signal.about),
-        }
-    }
 }
 
 fn signals<B: Block, S: Serializer>(shown: &(&B, &B::Out), serializer: S) -> Result<S::Ok, S::Error> {

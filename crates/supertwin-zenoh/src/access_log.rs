@@ -2,8 +2,9 @@
 //! not. Bounded, and told at most once a second.
 
 use crate::zenoh_log::{Notice, listen_to_access};
+use parking_lot::{Condvar, Mutex};
 use std::collections::BTreeMap;
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::Duration;
 use supertwin_core::EventKind;
@@ -18,67 +19,11 @@ const QUOTED: usize = 160;
 /// Shortest time between two reports.
 const REPORT: Duration = Duration::from_secs(1);
 
-/// Something that happened at a router's listener; [`AccessLog`] says how often since the last report.
-#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum AccessEvent {
-    /// Somebody with a good certificate has connected.
-    Connected {
-        /// Common name of the certificate.
-        name: String,
-        /// Address and port from which it came.
-        from: String,
-    },
-    /// Somebody was refused before a word was said.
-    ConnectionRefused {
-        /// Reason of TLS, as Zenoh logs it.
-        reason: String,
-    },
-    /// Somebody whose certificate has no role here; he may do nothing.
-    WithoutRole {
-        /// Identifier of the Zenoh session.
-        session: String,
-    },
-    /// Somebody tried what he may not.
-    MessageRefused {
-        /// Common name of the certificate, if it is known.
-        name: String,
-        /// Identifier of the Zenoh session.
-        session: String,
-        /// What was tried: put, query, declare …, in lower case.
-        action: String,
-        /// Key on which it was tried.
-        key: String,
-    },
-    /// More refusals than are told one by one.
-    MoreRefused,
-}
-
-impl AccessEvent {
-    /// As an event of the router that happened so many times.
-    #[must_use]
-    pub fn event(&self, times: u64) -> EventKind {
-        match self.clone() {
-            Self::Connected { name, from } => EventKind::ConnectionAccepted { name, from, times },
-            Self::ConnectionRefused { reason } => EventKind::ConnectionRefused { reason, times },
-            Self::WithoutRole { session } => EventKind::SessionWithoutRole { session, times },
-            Self::MessageRefused { name, session, action, key } => {
-                EventKind::AccessRefused { name, session, action, key, times }
-            }
-            Self::MoreRefused => EventKind::MoreRefused { refusals: times },
-        }
-    }
-
-    /// Whether somebody was turned away.
-    #[must_use]
-    pub fn is_refusal(&self) -> bool {
-        !matches!(self, Self::Connected { .. })
-    }
-}
-
 /// What has not been reported yet.
 #[derive(Debug, Default)]
 struct Unreported {
-    counts: BTreeMap<AccessEvent, u64>,
+    /// Each with how often it happened, in the order in which they happened first.
+    counts: Vec<(EventKind, u64)>,
     more: u64,
     /// Common names by session.
     names: BTreeMap<String, String>,
@@ -95,21 +40,40 @@ impl Unreported {
                 return;
             }
             Notice::Connected { common_name, from } => {
-                AccessEvent::Connected { name: quoted(&common_name), from: quoted(&from) }
+                EventKind::ConnectionAccepted { name: quoted(&common_name), from: quoted(&from), times: 1 }
             }
-            Notice::HandshakeRefused { reason } => AccessEvent::ConnectionRefused { reason: quoted(&reason) },
-            Notice::WithoutRole { session } => AccessEvent::WithoutRole { session },
+            Notice::HandshakeRefused { reason } => EventKind::ConnectionRefused { reason: quoted(&reason), times: 1 },
+            Notice::WithoutRole { session } => EventKind::SessionWithoutRole { session, times: 1 },
             Notice::MessageRefused { session, action, key } => {
                 let name = self.names.get(&session).cloned().unwrap_or_default();
-                AccessEvent::MessageRefused { name, session, action, key: quoted(&key) }
+                EventKind::AccessRefused { name, session, action, key: quoted(&key), times: 1 }
             }
             Notice::ConnectFailed { .. } => return,
         };
-        if self.counts.len() < KINDS || self.counts.contains_key(&event) {
-            *self.counts.entry(event).or_default() += 1;
+        if let Some((_, count)) = self.counts.iter_mut().find(|(known, _)| *known == event) {
+            *count += 1;
+        } else if self.counts.len() < KINDS {
+            self.counts.push((event, 1));
         } else {
             self.more += 1;
         }
+    }
+
+    /// Everything that happened since the last call.
+    fn drain(&mut self) -> Vec<EventKind> {
+        let counted = |(mut event, count): (EventKind, u64)| {
+            if let EventKind::ConnectionAccepted { times, .. }
+            | EventKind::ConnectionRefused { times, .. }
+            | EventKind::SessionWithoutRole { times, .. }
+            | EventKind::AccessRefused { times, .. } = &mut event
+            {
+                *times = count;
+            }
+            event
+        };
+        let more = core::mem::take(&mut self.more);
+        let more = (more > 0).then_some(EventKind::MoreRefused { refusals: more });
+        core::mem::take(&mut self.counts).into_iter().map(counted).chain(more).collect()
     }
 }
 
@@ -123,12 +87,6 @@ struct Shared {
     changed: Condvar,
 }
 
-impl Shared {
-    fn lock(&self) -> MutexGuard<'_, Unreported> {
-        self.unreported.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
 /// Reports what happens at the listeners of this process, until dropped.
 pub struct AccessLog {
     shared: Arc<Shared>,
@@ -139,12 +97,12 @@ impl AccessLog {
     /// Listens from now on; `report` is told at most once a second, each thing with how often it happened. Only the first
     /// of a process hears anything.
     #[must_use]
-    pub fn new(clock: Arc<dyn Clock>, mut report: impl FnMut(&AccessEvent, u64) + Send + 'static) -> Self {
+    pub fn new(clock: Arc<dyn Clock>, mut report: impl FnMut(EventKind) + Send + 'static) -> Self {
         let shared = Arc::new(Shared::default());
         let inner = Arc::clone(&shared);
         // Somebody else may listen already, such as a test.
         let _ = listen_to_access(move |notice| {
-            inner.lock().enter(notice);
+            inner.unreported.lock().enter(notice);
             inner.changed.notify_all();
         });
         let inner = Arc::clone(&shared);
@@ -157,7 +115,7 @@ impl AccessLog {
 
 impl Drop for AccessLog {
     fn drop(&mut self) {
-        self.shared.lock().closing = true;
+        self.shared.unreported.lock().closing = true;
         self.shared.changed.notify_all();
         if let Some(thread) = self.thread.take() {
             // A panic in the thread has been printed already.
@@ -166,31 +124,25 @@ impl Drop for AccessLog {
     }
 }
 
-fn report_all(shared: &Shared, clock: &dyn Clock, report: &mut impl FnMut(&AccessEvent, u64)) {
+fn report_all(shared: &Shared, clock: &dyn Clock, report: &mut impl FnMut(EventKind)) {
     let mut next = clock.now();
     loop {
-        let mut unreported = shared.lock();
+        let mut unreported = shared.unreported.lock();
         loop {
             let left = next.saturating_sub(clock.now());
             let waiting = unreported.counts.is_empty() && unreported.more == 0;
             if unreported.closing || (!waiting && left.is_zero()) {
                 break;
             }
-            unreported = if waiting {
-                shared.changed.wait(unreported).unwrap_or_else(PoisonError::into_inner)
+            if waiting {
+                shared.changed.wait(&mut unreported);
             } else {
-                shared.changed.wait_timeout(unreported, left).unwrap_or_else(PoisonError::into_inner).0
-            };
+                shared.changed.wait_for(&mut unreported, left);
+            }
         }
-        let (counts, more) = (core::mem::take(&mut unreported.counts), core::mem::take(&mut unreported.more));
-        let closing = unreported.closing;
+        let (events, closing) = (unreported.drain(), unreported.closing);
         drop(unreported);
-        for (event, times) in &counts {
-            report(event, *times);
-        }
-        if more > 0 {
-            report(&AccessEvent::MoreRefused, more);
-        }
+        events.into_iter().for_each(&mut *report);
         if closing {
             return;
         }
@@ -213,28 +165,8 @@ mod tests {
         for _ in 0..3 {
             unreported.enter(refused("supertwin/rov/estimator/nav"));
         }
-        let told: Vec<String> =
-            unreported.counts.iter().map(|(event, times)| event.event(*times).to_string()).collect();
+        let told: Vec<String> = unreported.drain().iter().map(EventKind::to_string).collect();
         assert_eq!(told, ["observer.rov (session ab12) may not put on supertwin/rov/estimator/nav (3 times)"]);
-    }
-
-    #[test]
-    fn strangers_and_guests_are_told_apart() {
-        let mut unreported = Unreported::default();
-        let from = "127.0.0.1:5000".to_owned();
-        unreported.enter(Notice::HandshakeRefused { reason: "no certificate".to_owned() });
-        unreported.enter(Notice::Connected { common_name: "operator.rov".to_owned(), from });
-        unreported.enter(Notice::WithoutRole { session: "ab12".to_owned() });
-        let told: Vec<(bool, String)> =
-            unreported.counts.keys().map(|event| (event.is_refusal(), event.event(1).to_string())).collect();
-        assert_eq!(
-            told,
-            [
-                (false, "operator.rov has come from 127.0.0.1:5000".to_owned()),
-                (true, "a connection was refused: no certificate".to_owned()),
-                (true, "session ab12 has no role here and may do nothing".to_owned()),
-            ]
-        );
     }
 
     #[test]
@@ -243,6 +175,7 @@ mod tests {
         for i in 0..KINDS + 10 {
             unreported.enter(refused(&format!("k{i}")));
         }
-        assert_eq!((unreported.counts.len(), unreported.more), (KINDS, 10));
+        let told = unreported.drain();
+        assert_eq!((told.len(), told.last()), (KINDS + 1, Some(&EventKind::MoreRefused { refusals: 10 })));
     }
 }

@@ -3,6 +3,7 @@
 use crate::session::{LinkError, unique};
 use serde::Serialize;
 use serde_json::Value;
+use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::Duration;
 use supertwin_protocol::clock::Clock;
@@ -50,9 +51,11 @@ pub enum ClientError {
 pub struct Client {
     session: Session,
     vehicle: String,
-    name: String,
+    /// Name that this client gives with its requests.
+    pub name: String,
     token: String,
-    seq: u64,
+    /// Number of the last request; services tell whose command they applied by name and number.
+    pub seq: u64,
     clock: Arc<dyn Clock>,
 }
 
@@ -114,15 +117,7 @@ impl Client {
     ///
     /// # Errors
     /// When it is refused, or nobody answers.
-    pub fn set_parameter(&mut self, service: &str, path: &str, value: Value) -> Result<u64, ClientError> {
-        self.set_parameter_at(service, path, value, None)
-    }
-
-    /// The same, at a tick.
-    ///
-    /// # Errors
-    /// When it is refused, or nobody answers.
-    pub fn set_parameter_at(
+    pub fn set_parameter(
         &mut self,
         service: &str,
         path: &str,
@@ -130,18 +125,6 @@ impl Client {
         at_tick: Option<u64>,
     ) -> Result<u64, ClientError> {
         self.request(&keys::param(service, path), value, at_tick)
-    }
-
-    /// Number of the last request; services tell whose command they applied by name and number.
-    #[must_use]
-    pub fn last_seq(&self) -> u64 {
-        self.seq
-    }
-
-    /// Name that this client gives with its requests.
-    #[must_use]
-    pub fn name(&self) -> &str {
-        &self.name
     }
 
     fn request(&mut self, relative: &str, value: Value, at_tick: Option<u64>) -> Result<u64, ClientError> {
@@ -189,10 +172,7 @@ impl Client {
     /// When it is refused, or nobody answers.
     pub fn ask(&self, key: &str, body: Option<&impl Serialize>) -> Result<Value, ClientError> {
         let strange = |cause: String| ClientError::Strange { key: key.to_owned(), cause };
-        let body = match body {
-            Some(body) => Some(serde_json::to_vec(body).map_err(|error| strange(error.to_string()))?),
-            None => None,
-        };
+        let body = body.map(serde_json::to_vec).transpose().map_err(|error| strange(error.to_string()))?;
         for attempt in 0..ATTEMPTS {
             let began = self.clock.now();
             let mut query = self
@@ -249,18 +229,6 @@ impl Client {
             }
         }
     }
-
-    /// Session on which it asks.
-    #[must_use]
-    pub fn session(&self) -> &Session {
-        &self.session
-    }
-
-    /// Name of the vehicle that it asks.
-    #[must_use]
-    pub fn vehicle(&self) -> &str {
-        &self.vehicle
-    }
 }
 
 /// Vehicles and services that are up, as `(vehicle, service, instance)`, sorted.
@@ -270,7 +238,7 @@ impl Client {
 pub fn alive(session: &Session) -> Result<Vec<(String, String, String)>, LinkError> {
     let key = "supertwin/*/alive/**";
     let replies = session.liveliness().get(key).timeout(ATTEMPT).wait().map_err(LinkError::session("liveliness"))?;
-    let mut found: Vec<(String, String, String)> = replies
+    let found: BTreeSet<(String, String, String)> = replies
         .into_iter()
         .filter_map(|reply| reply.into_result().ok())
         .filter(|sample| sample.kind() == SampleKind::Put)
@@ -281,7 +249,5 @@ pub fn alive(session: &Session) -> Result<Vec<(String, String, String)>, LinkErr
             Some((vehicle, service, parts.next().unwrap_or("").to_owned()))
         })
         .collect();
-    found.sort();
-    found.dedup();
-    Ok(found)
+    Ok(found.into_iter().collect())
 }

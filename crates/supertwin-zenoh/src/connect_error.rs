@@ -5,27 +5,21 @@ pub(crate) fn explain(reason: &str, knows_authority: bool) -> Option<&'static st
     if reason.contains("invalid peer certificate: UnknownIssuer") && !knows_authority {
         return Some("its certificate is of a fleet: give --credentials");
     }
+    let another = "its certificate is of another authority than the ca.pem given here";
+    let early = "its certificate is not valid yet: is this clock behind?";
+    let stranger = "it knows another authority than that of the certificate given here";
     let known = [
         ("NotValidForName", "its certificate does not name this host: issue it with --host"),
         ("not valid for name", "its certificate does not name this host: issue it with --host"),
-        (
-            "invalid peer certificate: UnknownIssuer",
-            "its certificate is of another authority than the ca.pem given here",
-        ),
-        (
-            "invalid peer certificate: BadSignature",
-            "its certificate is of another authority than the ca.pem given here",
-        ),
+        ("invalid peer certificate: UnknownIssuer", another),
+        ("invalid peer certificate: BadSignature", another),
         ("invalid peer certificate: certificate expired", "its certificate has expired, or this clock is ahead"),
         ("invalid peer certificate: Expired", "its certificate has expired, or this clock is ahead"),
-        (
-            "invalid peer certificate: certificate not valid yet",
-            "its certificate is not valid yet: is this clock behind?",
-        ),
+        ("invalid peer certificate: certificate not valid yet", early),
         ("alert: CertificateExpired", "it says that the certificate given here has expired; is its clock right?"),
         ("alert: CertificateRequired", "it wants a certificate: give --credentials"),
-        ("alert: UnknownCA", "it knows another authority than that of the certificate given here"),
-        ("alert: DecryptError", "it knows another authority than that of the certificate given here"),
+        ("alert: UnknownCA", stranger),
+        ("alert: DecryptError", stranger),
         ("alert: BadCertificate", "it refuses the certificate given here"),
     ];
     known.iter().find(|(words, _)| reason.contains(words)).map(|(_, meaning)| *meaning)

@@ -1,11 +1,14 @@
 //! Questions about a set-up: who answers, how far away, by which way, with which files.
 
 use crate::session::LinkError;
+use crate::transport::question;
 use serde_json::Value;
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::time::Duration;
 use supertwin_protocol::clock::Clock;
-use zenoh::query::{ConsolidationMode, QueryTarget};
+use supertwin_protocol::payload::Pong;
+use zenoh::query::ConsolidationMode;
 use zenoh::{Session, Wait};
 
 /// How long one question waits for its answers.
@@ -16,13 +19,7 @@ const PATIENCE: Duration = Duration::from_millis(500);
 /// # Errors
 /// When the session fails.
 pub fn ask_all(session: &Session, key: &str) -> Result<Vec<(String, Value)>, LinkError> {
-    let replies = session
-        .get(key)
-        .target(QueryTarget::All)
-        .consolidation(ConsolidationMode::None)
-        .timeout(PATIENCE)
-        .wait()
-        .map_err(LinkError::session(key))?;
+    let replies = question(session, key, PATIENCE).wait().map_err(LinkError::session(key))?;
     let mut answers: Vec<(String, Value)> = replies
         .into_iter()
         .filter_map(|reply| reply.into_result().ok())
@@ -65,9 +62,9 @@ pub fn clock_offset(
             .map_err(LinkError::session(key))?;
         let Ok(reply) = replies.recv() else { return Ok(best) };
         let round_trip = clock.now().saturating_sub(began);
-        let Ok(sample) = reply.into_result() else { return Ok(best) };
-        let Ok(answer) = serde_json::from_slice::<Value>(&sample.payload().to_bytes()) else { return Ok(best) };
-        let Some(received_ns) = answer["received_ns"].as_u64() else { return Ok(best) };
+        let pong =
+            reply.into_result().ok().and_then(|sample| serde_json::from_slice(&sample.payload().to_bytes()).ok());
+        let Some(Pong { received_ns }) = pong else { return Ok(best) };
         let offset_ms =
             (i128::from(received_ns) - i128::from(began_ns)) as f64 / 1e6 - round_trip.as_secs_f64() * 500.0;
         let found = ClockOffset { offset_ms, round_trip_ms: round_trip.as_secs_f64() * 1e3 };
@@ -81,37 +78,23 @@ pub fn clock_offset(
 /// Where the session's links end.
 #[must_use]
 pub fn links(session: &Session) -> Vec<String> {
-    let mut ends: Vec<String> = session.info().links().wait().map(|link| link.dst().to_string()).collect();
-    ends.sort();
-    ends.dedup();
-    ends
+    let ends: BTreeSet<String> = session.info().links().wait().map(|link| link.dst().to_string()).collect();
+    ends.into_iter().collect()
 }
 
 /// Files that the settings name, with their place: certificates, keys, dictionaries of users.
 #[must_use]
 pub fn files(settings: &Value) -> Vec<(String, PathBuf)> {
-    let mut found = Vec::new();
-    for (section, names) in [
-        (
-            "transport/link/tls",
-            &[
-                "root_ca_certificate",
-                "listen_private_key",
-                "listen_certificate",
-                "connect_private_key",
-                "connect_certificate",
-            ][..],
-        ),
-        ("transport/auth/usrpwd", &["dictionary_file"][..]),
-    ] {
-        for name in names {
-            let place = format!("{section}/{name}");
-            if let Some(Value::String(path)) = settings.pointer(&format!("/{place}")) {
-                found.push((place, PathBuf::from(path)));
-            }
-        }
-    }
-    found
+    let places = [
+        "transport/link/tls/root_ca_certificate",
+        "transport/link/tls/listen_private_key",
+        "transport/link/tls/listen_certificate",
+        "transport/link/tls/connect_private_key",
+        "transport/link/tls/connect_certificate",
+        "transport/auth/usrpwd/dictionary_file",
+    ];
+    let file = |place: &str| Some((place.to_owned(), settings.pointer(&format!("/{place}"))?.as_str()?.into()));
+    places.into_iter().filter_map(file).collect()
 }
 
 #[cfg(test)]

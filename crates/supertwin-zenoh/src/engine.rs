@@ -84,16 +84,13 @@ impl Engine {
             }
         }
         self.fold();
-        let endings = self
-            .hosts
-            .iter()
-            .map(|host| (host.service(), host.ending().cloned().unwrap_or(Ending::Stopped("interrupted".to_owned()))));
+        let ending = |host: &dyn Hosted| host.ending().cloned().unwrap_or(Ending::Stopped("interrupted".to_owned()));
+        let endings = self.hosts.iter().map(|host| (host.service(), ending(&**host))).collect();
         let progress = self.hosts.iter().map(|host| {
             let (steps, time) = host.progress();
             (host.service(), steps, time.as_secs_f64())
         });
-        let progress = progress.collect();
-        Finished { progress, endings: endings.collect(), digest: self.digest, ticks: self.digested }
+        Finished { progress: progress.collect(), endings, digest: self.digest, ticks: self.digested }
     }
 
     /// Hands what has arrived to the hosts and lets each do what it can at `now`; true when something was done.
@@ -101,7 +98,7 @@ impl Engine {
         let (mut requests, mut arrivals) = (0, 0);
         while arrivals < ARRIVALS_AT_ONCE {
             arrivals += 1;
-            match self.mailbox.take(requests < REQUESTS_AT_ONCE) {
+            match self.mailbox.pop(requests < REQUESTS_AT_ONCE) {
                 None => break,
                 Some(Arrival::Wire(host, wire, payload)) => self.hosts[host].deliver(wire, &payload, now),
                 Some(Arrival::Request(host, query)) => {
@@ -127,17 +124,13 @@ impl Engine {
 
     /// Folds the hashes of ticks that all four services have done.
     fn fold(&mut self) {
-        let [plant, estimator, guidance, controller] = self.hosts.as_mut_slice() else { return };
+        let Ok(hosts) = <&mut [Box<dyn Hosted>; 4]>::try_from(self.hosts.as_mut_slice()) else { return };
         loop {
-            let front = |host: &mut Box<dyn Hosted>| host.digests().front().copied();
-            let (Some(p), Some(e), Some(g), Some(c)) =
-                (front(plant), front(estimator), front(guidance), front(controller))
-            else {
-                return;
-            };
+            let fronts = hosts.each_mut().map(|host| host.digests().front().copied());
+            let [Some(p), Some(e), Some(g), Some(c)] = fronts else { return };
             self.digest.fold(Tick { k: p.0, dt_s: self.tick_s }, [p.1, e.1, g.1, c.1]);
             self.digested = p.0 + 1;
-            for host in [&mut *plant, estimator, guidance, controller] {
+            for host in hosts.iter_mut() {
                 host.digests().pop_front();
             }
         }

@@ -28,6 +28,7 @@ mod outbox;
 pub mod router;
 pub mod service_publisher;
 pub mod session;
+mod transport;
 pub mod watch;
 pub mod witness;
 mod zenoh_log;

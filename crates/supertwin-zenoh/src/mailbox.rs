@@ -1,7 +1,7 @@
 //! Where callbacks put what arrives: bounded queues that one thread drains. A callback never waits.
 
+use parking_lot::{Condvar, Mutex};
 use std::collections::VecDeque;
-use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use supertwin_protocol::clock::Clock;
 use zenoh::bytes::ZBytes;
@@ -34,14 +34,14 @@ pub struct Overflow {
 
 #[derive(Debug, Default)]
 struct Queues {
-    urgent: VecDeque<(usize, Query)>,
-    wires: VecDeque<(usize, usize, ZBytes)>,
-    requests: VecDeque<(usize, Query)>,
+    urgent: VecDeque<Arrival>,
+    wires: VecDeque<Arrival>,
+    requests: VecDeque<Arrival>,
     overflow: Overflow,
     woken: bool,
 }
 
-/// The queues of one thread.
+/// The queues of one thread. A thread that panics while it holds them leaves them whole: every change is one push or pop.
 #[derive(Debug, Default)]
 pub struct Mailbox {
     queues: Mutex<Queues>,
@@ -49,83 +49,67 @@ pub struct Mailbox {
 }
 
 impl Mailbox {
-    fn lock(&self) -> MutexGuard<'_, Queues> {
-        // A thread that panicked while it held the queues has left them whole: every change is one push or pop.
-        self.queues.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
     /// A message of wire `wire` for host `host`. When the queue is full, the oldest goes.
     pub fn wire(&self, host: usize, wire: usize, payload: ZBytes) {
-        let mut queues = self.lock();
+        let mut queues = self.queues.lock();
         if queues.wires.len() >= WIRES {
             queues.wires.pop_front();
             queues.overflow.wires += 1;
         }
-        queues.wires.push_back((host, wire, payload));
+        queues.wires.push_back(Arrival::Wire(host, wire, payload));
         drop(queues);
         self.arrived.notify_one();
     }
 
     /// A request for host `host`. When the queue is full, this one goes, and its client hears of it at once.
     pub fn request(&self, host: usize, query: Query, urgent: bool) {
-        let mut queues = self.lock();
-        let room = if urgent { queues.urgent.len() < URGENT } else { queues.requests.len() < REQUESTS };
-        if !room {
+        let mut guard = self.queues.lock();
+        let queues = &mut *guard;
+        let (line, room) = if urgent { (&mut queues.urgent, URGENT) } else { (&mut queues.requests, REQUESTS) };
+        if line.len() >= room {
             queues.overflow.requests += 1;
-            drop(queues);
-            drop(query);
             return;
         }
-        if urgent {
-            queues.urgent.push_back((host, query));
-        } else {
-            queues.requests.push_back((host, query));
-        }
-        drop(queues);
+        line.push_back(Arrival::Request(host, query));
+        drop(guard);
         self.arrived.notify_one();
     }
 
     /// Ends a wait of the engine, although nothing has arrived.
     pub fn wake(&self) {
-        self.lock().woken = true;
+        self.queues.lock().woken = true;
         self.arrived.notify_one();
     }
 
     /// The next arrival: urgent requests first, then wires, then other requests; wires only, if not `requests`.
-    pub fn take(&self, requests: bool) -> Option<Arrival> {
-        let mut queues = self.lock();
-        if requests && let Some((host, query)) = queues.urgent.pop_front() {
-            return Some(Arrival::Request(host, query));
+    pub fn pop(&self, requests: bool) -> Option<Arrival> {
+        let mut queues = self.queues.lock();
+        if !requests {
+            return queues.wires.pop_front();
         }
-        if let Some((host, wire, payload)) = queues.wires.pop_front() {
-            return Some(Arrival::Wire(host, wire, payload));
-        }
-        let request = if requests { queues.requests.pop_front() } else { None };
-        request.map(|(host, query)| Arrival::Request(host, query))
+        let first = queues.urgent.pop_front().or_else(|| queues.wires.pop_front());
+        first.or_else(|| queues.requests.pop_front())
     }
 
     /// Waits until something is there, or until `deadline` of the clock.
     pub fn wait(&self, clock: &dyn Clock, deadline: Option<Duration>) {
-        let mut queues = self.lock();
+        let mut queues = self.queues.lock();
         while queues.urgent.is_empty() && queues.wires.is_empty() && queues.requests.is_empty() {
             if core::mem::take(&mut queues.woken) {
                 return;
             }
-            let left = match deadline {
-                Some(deadline) => deadline.saturating_sub(clock.now()),
-                None => Duration::from_secs(3600),
-            };
+            let left = deadline.map_or(Duration::from_secs(3600), |deadline| deadline.saturating_sub(clock.now()));
             if left.is_zero() {
                 return;
             }
-            queues = self.arrived.wait_timeout(queues, left).unwrap_or_else(PoisonError::into_inner).0;
+            self.arrived.wait_for(&mut queues, left);
         }
     }
 
     /// What did not fit so far.
     #[must_use]
     pub fn overflow(&self) -> Overflow {
-        self.lock().overflow
+        self.queues.lock().overflow
     }
 }
 
@@ -141,7 +125,7 @@ mod tests {
             mailbox.wire(0, i, ZBytes::default());
         }
         assert_eq!(mailbox.overflow(), Overflow { wires: 5, requests: 0 });
-        assert!(matches!(mailbox.take(true), Some(Arrival::Wire(0, 5, _))));
+        assert!(matches!(mailbox.pop(true), Some(Arrival::Wire(0, 5, _))));
     }
 
     #[test]
@@ -154,6 +138,6 @@ mod tests {
         mailbox.wait(&clock, None);
         mailbox.wire(1, 2, ZBytes::default());
         mailbox.wait(&clock, None);
-        assert!(matches!(mailbox.take(true), Some(Arrival::Wire(1, 2, _))));
+        assert!(matches!(mailbox.pop(true), Some(Arrival::Wire(1, 2, _))));
     }
 }

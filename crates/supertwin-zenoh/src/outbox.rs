@@ -2,8 +2,10 @@
 //! that control never waits for the network.
 
 use crate::session::LinkError;
+use crate::transport::publisher;
+use parking_lot::{Condvar, Mutex};
 use std::collections::{BTreeMap, VecDeque};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::Duration;
 use supertwin_protocol::event_order::EVENTS_KEPT;
@@ -46,33 +48,24 @@ struct Queues {
     closing: bool,
 }
 
+/// What callbacks and the sending thread have in common.
 #[derive(Debug, Default)]
-struct Shared {
+pub(crate) struct Shared {
     queues: Mutex<Queues>,
     filled: Condvar,
-}
-
-impl Shared {
-    fn lock(&self) -> MutexGuard<'_, Queues> {
-        self.queues.lock().unwrap_or_else(PoisonError::into_inner)
-    }
 }
 
 /// The sending side of one service.
 #[derive(Debug)]
 pub(crate) struct Outbox {
-    shared: Arc<Shared>,
+    pub(crate) shared: Arc<Shared>,
     thread: Option<JoinHandle<()>>,
 }
 
-/// A way into the outbox for callbacks.
-#[derive(Clone, Debug)]
-pub(crate) struct Slot(Arc<Shared>);
-
-impl Slot {
+impl Shared {
     /// Hands a message over; never waits.
     pub(crate) fn send(&self, message: Outgoing) {
-        let mut queues = self.0.lock();
+        let mut queues = self.queues.lock();
         // Events are numbered already: one that is dropped here could never be recovered.
         if queues.outgoing.len() >= OUTGOING && !matches!(message, Outgoing::Event(_)) {
             queues.others_dropped += 1;
@@ -80,7 +73,7 @@ impl Slot {
         }
         queues.outgoing.push_back(message);
         drop(queues);
-        self.0.filled.notify_one();
+        self.filled.notify_one();
     }
 }
 
@@ -104,14 +97,9 @@ impl Outbox {
         telemetry: &[String],
         kept: usize,
     ) -> Result<Self, LinkError> {
+        let failed = |key: &str| LinkError::session(format!("publisher {key}"));
         let droppable = |key: &String| {
-            let publisher = session
-                .declare_publisher(format!("{root}{key}"))
-                .encoding(Encoding::APPLICATION_JSON)
-                .congestion_control(CongestionControl::Drop)
-                .priority(Priority::DataLow);
-            let failed = LinkError::session(format!("publisher {key}"));
-            let publisher = publisher.advanced();
+            let publisher = publisher(session, format!("{root}{key}"), Priority::DataLow).advanced();
             // Numbers rather than time stamps tell the kept messages apart; nobody needs to be told of the last one.
             let publisher = if kept == 0 {
                 publisher
@@ -119,25 +107,16 @@ impl Outbox {
                 let cache = CacheConfig::default().max_samples(kept);
                 publisher.cache(cache).sample_miss_detection(MissDetectionConfig::default())
             };
-            publisher.wait().map_err(failed)
+            publisher.wait().map_err(failed(key))
         };
-        let health = session
-            .declare_publisher(format!("{root}{}", keys::health(service)))
-            .encoding(Encoding::APPLICATION_JSON)
-            .congestion_control(CongestionControl::Drop)
-            .priority(Priority::Data)
-            .wait()
-            .map_err(LinkError::session(format!("publisher {}", keys::health(service))))?;
-        let events = session
-            .declare_publisher(format!("{root}{}", keys::event(service)))
-            .encoding(Encoding::APPLICATION_JSON)
-            .congestion_control(CongestionControl::Drop)
-            .priority(Priority::Data)
+        let (health, events) = (keys::health(service), keys::event(service));
+        let health = publisher(session, format!("{root}{health}"), Priority::Data).wait().map_err(failed(&health))?;
+        let events = publisher(session, format!("{root}{events}"), Priority::Data)
             .cache(CacheConfig::default().max_samples(EVENTS_KEPT))
             .sample_miss_detection(MissDetectionConfig::default().heartbeat(HEARTBEAT))
             .publisher_detection()
             .wait()
-            .map_err(LinkError::session(format!("publisher {}", keys::event(service))))?;
+            .map_err(failed(&keys::event(service)))?;
         let sender = Sender {
             session: session.clone(),
             service,
@@ -152,23 +131,18 @@ impl Outbox {
         let thread = std::thread::Builder::new()
             .name(format!("{service}-outbox"))
             .spawn(move || send_all(&inner, sender))
-            .map_err(|cause| LinkError::Session { what: "thread".to_owned(), cause: cause.to_string() })?;
+            .map_err(|cause| LinkError::failed("thread", &cause))?;
         Ok(Self { shared, thread: Some(thread) })
-    }
-
-    /// A way in for callbacks.
-    pub(crate) fn slot(&self) -> Slot {
-        Slot(Arc::clone(&self.shared))
     }
 
     /// Hands a message over; never waits.
     pub(crate) fn send(&self, message: Outgoing) {
-        self.slot().send(message);
+        self.shared.send(message);
     }
 
     /// Hands over telemetry for the `i`-th key; never waits. When the queue is full the oldest goes.
     pub(crate) fn telemetry(&self, i: usize, payload: Vec<u8>) {
-        let mut queues = self.shared.lock();
+        let mut queues = self.shared.queues.lock();
         if queues.telemetry.len() >= TELEMETRY {
             queues.telemetry.pop_front();
             queues.telemetry_dropped += 1;
@@ -180,14 +154,14 @@ impl Outbox {
 
     /// What did not fit: telemetry, everything else.
     pub(crate) fn dropped(&self) -> (u64, u64) {
-        let queues = self.shared.lock();
+        let queues = self.shared.queues.lock();
         (queues.telemetry_dropped, queues.others_dropped)
     }
 }
 
 impl Drop for Outbox {
     fn drop(&mut self) {
-        self.shared.lock().closing = true;
+        self.shared.queues.lock().closing = true;
         self.shared.filled.notify_one();
         if let Some(thread) = self.thread.take() {
             // A panic in the thread has been printed already; there is nothing left to send.
@@ -198,7 +172,7 @@ impl Drop for Outbox {
 
 fn send_all(shared: &Shared, mut sender: Sender) {
     loop {
-        let mut queues = shared.lock();
+        let mut queues = shared.queues.lock();
         let (outgoing, telemetry) = loop {
             if !queues.outgoing.is_empty() || !queues.telemetry.is_empty() {
                 break (core::mem::take(&mut queues.outgoing), core::mem::take(&mut queues.telemetry));
@@ -206,7 +180,7 @@ fn send_all(shared: &Shared, mut sender: Sender) {
             if queues.closing {
                 return;
             }
-            queues = shared.filled.wait(queues).unwrap_or_else(PoisonError::into_inner);
+            shared.filled.wait(&mut queues);
         };
         drop(queues);
         for message in outgoing {
@@ -222,32 +196,27 @@ fn send_all(shared: &Shared, mut sender: Sender) {
 impl Sender {
     fn message(&mut self, message: Outgoing) {
         // What fails here fails because the session is closing; receivers see gaps, clients see no answer.
-        match message {
-            Outgoing::Event(payload) => {
-                let _ = self.events.put(payload).wait();
-            }
-            Outgoing::Health(payload) => {
-                let _ = self.health.put(payload).wait();
-            }
+        let _ = match message {
+            Outgoing::Event(payload) => self.events.put(payload).wait(),
+            Outgoing::Health(payload) => self.health.put(payload).wait(),
             Outgoing::State(name, payload) => {
                 let name = if name.contains('/') { name } else { keys::state(self.service, &name) };
                 let key = format!("{}{name}", self.root);
-                let _ = self
-                    .session
-                    .put(key.clone(), payload.clone())
+                self.states.insert(key.clone(), payload.clone());
+                self.session
+                    .put(key, payload)
                     .encoding(Encoding::APPLICATION_JSON)
                     .congestion_control(CongestionControl::Drop)
                     .priority(Priority::RealTime)
                     .express(true)
-                    .wait();
-                self.states.insert(key, payload);
+                    .wait()
             }
             Outgoing::Answer(query, key, answer) => {
                 let key = key.unwrap_or_else(|| query.key_expr().as_str().to_owned());
-                let _ = match answer {
+                match answer {
                     Ok(payload) => query.reply(key, payload).encoding(Encoding::APPLICATION_JSON).wait(),
                     Err(payload) => query.reply_err(payload).encoding(Encoding::APPLICATION_JSON).wait(),
-                };
+                }
             }
             Outgoing::StateQuery(query) => {
                 for (key, payload) in &self.states {
@@ -256,7 +225,8 @@ impl Sender {
                         let _ = query.reply(key, payload.clone()).encoding(Encoding::APPLICATION_JSON).wait();
                     }
                 }
+                Ok(())
             }
-        }
+        };
     }
 }

@@ -8,10 +8,11 @@
 //! TLS does it in a second session, the gate: when its files change it is opened anew, and those behind it connect again
 //! by themselves. The vehicle's own services are not touched.
 
-use crate::session::{self, Link, LinkError, endpoints, locators, tls_files};
+use crate::session::{self, Link, LinkError, endpoints, locators, used_files};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Condvar, Mutex, PoisonError};
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
 use supertwin_pki::{Certificate, Credentials, PkiError, Standing, span};
@@ -36,7 +37,8 @@ pub enum News {
 
 /// A router in this process, which takes up a renewed certificate by itself.
 pub struct Router {
-    session: Session,
+    /// The session of those inside: not a gate's.
+    pub session: Session,
     gate: Option<Gate>,
     /// A socket that only the gate uses.
     own_socket: Option<PathBuf>,
@@ -51,8 +53,7 @@ impl Router {
         let settings = link.settings()?;
         let (tls, mut local): (Vec<String>, Vec<String>) =
             endpoints(&settings, "listen").into_iter().partition(|endpoint| endpoint.starts_with("tls/"));
-        let files = tls_files(&settings, "listen");
-        let Some(files) = files.filter(|_| !tls.is_empty()) else {
+        let Some(files) = used_files(&settings, "listen") else {
             return Ok(Self { session: link.open()?, gate: None, own_socket: None });
         };
         let certificate = files.check(&*clock)?;
@@ -78,20 +79,13 @@ impl Router {
         if let Some(settings) = outward.as_object_mut() {
             settings.remove("namespace");
         }
-        let gate = Gate::open(outward, files, certificate, clock, say);
-        match gate {
+        match Gate::open(outward, files, certificate, clock, say) {
             Ok(gate) => Ok(Self { session, gate: Some(gate), own_socket }),
             Err(error) => {
                 session::close(&session);
                 Err(error)
             }
         }
-    }
-
-    /// The session of those inside: not a gate's.
-    #[must_use]
-    pub fn session(&self) -> &Session {
-        &self.session
     }
 
     /// Addresses at which it really listens.
@@ -118,7 +112,8 @@ impl Router {
 /// The part that listens on TLS.
 struct Gate {
     places: Vec<String>,
-    stop: Arc<(Mutex<bool>, Condvar)>,
+    /// Dropping it ends the thread.
+    stop: Option<Sender<()>>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -137,24 +132,22 @@ impl Gate {
         let kept: Vec<String> =
             endpoints(&settings, "listen").iter().map(|endpoint| with_port(endpoint, &places)).collect();
         settings["listen"]["endpoints"] = json!(kept);
-        let stop = Arc::new((Mutex::new(false), Condvar::new()));
-        let stopped = Arc::clone(&stop);
+        let (stop, stopped) = channel();
         let mut watcher =
             CertificateWatcher { settings, files, certificate, clock, loaded, session, reported: Standing::Valid, say };
         let thread = std::thread::spawn(move || {
-            while !wait(&stopped, LOOK) {
+            while !is_stopped_within(&stopped, LOOK) {
                 watcher.check(&stopped);
             }
             session::close(&watcher.session);
         });
-        Ok(Self { places, stop, thread: Some(thread) })
+        Ok(Self { places, stop: Some(stop), thread: Some(thread) })
     }
 }
 
 impl Drop for Gate {
     fn drop(&mut self) {
-        *self.stop.0.lock().unwrap_or_else(PoisonError::into_inner) = true;
-        self.stop.1.notify_all();
+        self.stop = None;
         if let Some(thread) = self.thread.take() {
             // If it panicked there is nothing left to close.
             let _ = thread.join();
@@ -163,10 +156,8 @@ impl Drop for Gate {
 }
 
 /// Waits for `span`; true when it is time to stop.
-fn wait((stop, changed): &(Mutex<bool>, Condvar), span: Duration) -> bool {
-    let guard = stop.lock().unwrap_or_else(PoisonError::into_inner);
-    let (guard, _) = changed.wait_timeout_while(guard, span, |stop| !*stop).unwrap_or_else(PoisonError::into_inner);
-    *guard
+fn is_stopped_within(stop: &Receiver<()>, span: Duration) -> bool {
+    stop.recv_timeout(span) != Err(RecvTimeoutError::Timeout)
 }
 
 struct CertificateWatcher<S> {
@@ -181,7 +172,7 @@ struct CertificateWatcher<S> {
 }
 
 impl<S: Fn(News)> CertificateWatcher<S> {
-    fn check(&mut self, stop: &(Mutex<bool>, Condvar)) {
+    fn check(&mut self, stop: &Receiver<()>) {
         let found = contents(&self.files);
         if found != self.loaded {
             self.loaded = found;
@@ -197,25 +188,21 @@ impl<S: Fn(News)> CertificateWatcher<S> {
         }
     }
 
-    fn take_up(&mut self, certificate: Certificate, stop: &(Mutex<bool>, Condvar)) {
+    fn take_up(&mut self, certificate: Certificate, stop: &Receiver<()>) {
         session::close(&self.session);
         let mut told = false;
-        loop {
-            match listen(&self.settings) {
-                Ok(session) => {
-                    self.session = session;
-                    break;
-                }
-                Err(error) => {
-                    if !core::mem::replace(&mut told, true) {
-                        (self.say)(News::Warning(format!("{error}; trying again")));
-                    }
-                }
+        self.session = loop {
+            let error = match listen(&self.settings) {
+                Ok(session) => break session,
+                Err(error) => error,
+            };
+            if !core::mem::replace(&mut told, true) {
+                (self.say)(News::Warning(format!("{error}; trying again")));
             }
-            if wait(stop, RETRY) {
+            if is_stopped_within(stop, RETRY) {
                 return;
             }
-        }
+        };
         self.certificate = certificate;
         (self.say)(News::Renewed(format!(
             "{}: in force until {}",
@@ -242,7 +229,7 @@ fn contents(files: &Credentials) -> [Option<Vec<u8>>; 3] {
 }
 
 fn listen(settings: &Value) -> Result<Session, LinkError> {
-    session::open(settings, session::parse(settings)?)
+    session::open(settings, session::parse(settings, "settings")?)
 }
 
 /// An endpoint with port 0 with the port that was chosen for it.
@@ -259,8 +246,7 @@ fn with_port(endpoint: &str, places: &[String]) -> String {
 /// # Errors
 /// When a file is not what it should be.
 pub fn expiring(settings: &Value, clock: &dyn Clock) -> Result<Option<String>, PkiError> {
-    let used = endpoints(settings, "connect").iter().any(|endpoint| endpoint.starts_with("tls/"));
-    let Some(files) = tls_files(settings, "connect").filter(|_| used) else { return Ok(None) };
+    let Some(files) = used_files(settings, "connect") else { return Ok(None) };
     let certificate = files.check(clock)?;
     let soon = certificate.standing(0, clock) == Standing::ExpiresSoon;
     Ok(soon.then(|| {

@@ -2,6 +2,7 @@
 
 use crate::outbox::{Outbox, Outgoing};
 use crate::session::LinkError;
+use crate::watch::Presence;
 use serde::Serialize;
 use std::borrow::Cow;
 use std::sync::Arc;
@@ -10,8 +11,7 @@ use supertwin_protocol::Health;
 use supertwin_protocol::clock::Clock;
 use supertwin_protocol::envelope::{Envelope, encode};
 use supertwin_protocol::keys;
-use zenoh::liveliness::LivelinessToken;
-use zenoh::{Session, Wait};
+use zenoh::Session;
 
 /// The sending side of a service without a block. Nothing here waits for the network.
 pub struct ServicePublisher {
@@ -21,11 +21,12 @@ pub struct ServicePublisher {
     clock: Arc<dyn Clock>,
     events: u64,
     // Shows that it is up.
-    _token: Option<LivelinessToken>,
+    _token: Option<Presence>,
 }
 
 impl ServicePublisher {
-    /// Speaks as `service` of the vehicle whose keys begin with `root`.
+    /// Speaks as `service` of the vehicle whose keys begin with `root`. What is no service of the vehicle, such as its
+    /// router, does not show that it is `alive`.
     ///
     /// # Errors
     /// When the session fails.
@@ -35,51 +36,19 @@ impl ServicePublisher {
         service: &'static str,
         instance: &str,
         clock: Arc<dyn Clock>,
+        alive: bool,
     ) -> Result<Self, LinkError> {
-        let token = session
-            .liveliness()
-            .declare_token(format!("{root}{}", keys::alive(service, instance)))
-            .wait()
-            .map_err(LinkError::session("liveliness token"))?;
-        Ok(Self { _token: Some(token), ..Self::unseen(session, root, service, instance, clock)? })
-    }
-
-    /// The same without a sign of life: for what is no service of the vehicle, such as its router.
-    ///
-    /// # Errors
-    /// When the session fails.
-    pub fn unseen(
-        session: &Session,
-        root: &str,
-        service: &'static str,
-        instance: &str,
-        clock: Arc<dyn Clock>,
-    ) -> Result<Self, LinkError> {
+        let key = format!("{root}{}", keys::alive(service, instance));
+        let _token = alive.then(|| Presence::show(session, &key)).transpose()?;
         let outbox = Outbox::open(session, root, service, &[], 0)?;
-        Ok(Self { outbox, service, source: format!("{service}-{instance}"), clock, events: 0, _token: None })
-    }
-
-    /// Service and instance as which it publishes.
-    #[must_use]
-    pub fn source(&self) -> &str {
-        &self.source
+        Ok(Self { outbox, service, source: format!("{service}-{instance}"), clock, events: 0, _token })
     }
 
     /// Something happened; returns the event as others hear it.
     pub fn event(&mut self, run: &str, tick: Tick, severity: Severity, what: EventKind) -> Event {
         self.events += 1;
         let event = Event { tick: tick.k, service: Cow::Borrowed(self.service), severity, what };
-        let envelope = Envelope {
-            run: Cow::Borrowed(run),
-            source: Cow::Borrowed(&*self.source),
-            tick: tick.k,
-            seq: self.events,
-            sim_time_s: tick.t_s(),
-            clock_ns: self.clock.unix_ns(),
-            digest: None,
-            repeat: false,
-            data: &event,
-        };
+        let envelope = Envelope::new(run, &self.source, tick, self.events, self.clock.unix_ns()).with(&event);
         let mut payload = Vec::with_capacity(256);
         if encode(&envelope, &mut payload).is_ok() {
             self.outbox.send(Outgoing::Event(payload));

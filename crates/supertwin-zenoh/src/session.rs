@@ -3,6 +3,8 @@
 use crate::connect_error;
 use crate::zenoh_log::with_connect_failure;
 use serde_json::{Map, Value, json};
+use std::fmt::Display;
+use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
 use supertwin_pki::{Credentials, PkiError};
 use supertwin_protocol::clock::{Clock, SystemClock};
@@ -32,22 +34,6 @@ pub struct Link {
 /// A session that could not be opened, and what to do.
 #[derive(Debug, thiserror::Error)]
 pub enum LinkError {
-    /// The file can't be read or is no JSON5.
-    #[error("{path}: {cause}")]
-    File {
-        /// Path of the file.
-        path: String,
-        /// Why it can't be read, or where it is no JSON5.
-        cause: String,
-    },
-    /// A setting is not Zenoh's.
-    #[error("{place}: {cause}")]
-    Setting {
-        /// The override, or the file, that gives it.
-        place: String,
-        /// What Zenoh says against it.
-        cause: String,
-    },
     /// Certificates or keys can't be used.
     #[error(transparent)]
     Pki(#[from] PkiError),
@@ -59,20 +45,12 @@ pub enum LinkError {
         /// Why no connection came about, and what to do.
         cause: String,
     },
-    /// No listener could be opened.
-    #[error("can't listen on {endpoints}: {cause}")]
-    Listen {
-        /// Endpoints on which it should have listened.
-        endpoints: String,
-        /// What the system says against it.
-        cause: String,
-    },
-    /// Something that was asked of the session failed.
+    /// Something else failed.
     #[error("{what}: {cause}")]
-    Session {
-        /// Key or action of which it was asked.
+    Failed {
+        /// The file, setting, listener, key or action that failed.
         what: String,
-        /// Zenoh's own error.
+        /// What the system or Zenoh says against it.
         cause: String,
     },
 }
@@ -81,7 +59,11 @@ impl LinkError {
     /// What failed, with Zenoh's cause.
     pub fn session(what: impl Into<String>) -> impl FnOnce(zenoh::Error) -> Self {
         let what = what.into();
-        move |cause| Self::Session { what, cause: cause.to_string() }
+        move |cause| Self::failed(what, &cause)
+    }
+
+    pub(crate) fn failed(what: impl Into<String>, cause: &(impl ToString + ?Sized)) -> Self {
+        Self::Failed { what: what.into(), cause: cause.to_string() }
     }
 }
 
@@ -141,28 +123,25 @@ impl Link {
             overlay(&mut settings, read(path)?);
         }
         let mut set = |path: &str, value: Value| overlay(&mut settings, nested(path, value));
-        if let Some(mode) = self.mode {
-            set("mode", mode.into());
+        let list = |endpoints: &[String]| (!endpoints.is_empty()).then(|| json!(endpoints));
+        for (path, value) in [
+            ("mode", self.mode.map(Value::from)),
+            ("listen/endpoints", list(&self.listen)),
+            ("connect/endpoints", list(&self.connect)),
+            ("connect/timeout_ms", Some(self.patience_ms.into())),
+            ("namespace", self.namespace.clone().map(Value::from)),
+        ] {
+            value.into_iter().for_each(|value| set(path, value));
         }
-        if !self.listen.is_empty() {
-            set("listen/endpoints", json!(self.listen));
-        }
-        if !self.connect.is_empty() {
-            set("connect/endpoints", json!(self.connect));
-        }
-        if let Some(namespace) = &self.namespace {
-            set("namespace", namespace.as_str().into());
-        }
-        set("connect/timeout_ms", self.patience_ms.into());
         if let Some(place) = &self.credentials {
             let found = Credentials::find(place)?;
             let listens = supertwin_pki::read(&found.certificate)?.role.is_some_and(|role| role.listens());
             set("transport/link/tls", tls_settings(&found, listens));
         }
         for text in &self.overrides {
-            let wrong = |cause: &str| LinkError::Setting { place: text.clone(), cause: cause.to_owned() };
-            let (path, value) = text.split_once('=').ok_or_else(|| wrong("must be path/to/key=value"))?;
-            let value = json5::from_str(value).map_err(|error| wrong(&error.to_string()))?;
+            let wrong = |cause: &dyn Display| LinkError::failed(text, cause);
+            let (path, value) = text.split_once('=').ok_or_else(|| wrong(&"must be path/to/key=value"))?;
+            let value = json5::from_str(value).map_err(|error| wrong(&error))?;
             set(path, value);
         }
         Ok(settings)
@@ -173,12 +152,8 @@ impl Link {
     /// # Errors
     /// Names the file and the key that is wrong.
     pub fn config(&self) -> Result<Config, LinkError> {
-        parse(&self.settings()?).map_err(|error| match (error, &self.file) {
-            (LinkError::Setting { cause, .. }, Some(file)) => {
-                LinkError::Setting { place: file.display().to_string(), cause }
-            }
-            (error, _) => error,
-        })
+        let place = self.file.as_ref().map_or_else(|| "settings".to_owned(), |file| file.display().to_string());
+        parse(&self.settings()?, place)
     }
 
     /// Opens the session.
@@ -203,7 +178,7 @@ pub(crate) fn open(settings: &Value, config: Config) -> Result<Session, LinkErro
     opened.map_err(|error| {
         let cause = error.to_string();
         if connect.is_empty() || cause.contains("listen") {
-            LinkError::Listen { endpoints: listen.join(", "), cause: brief(&cause) }
+            LinkError::failed(format!("can't listen on {}", listen.join(", ")), &brief(&cause))
         } else {
             let tls = &settings["transport"]["link"]["tls"];
             let knows = ["", "_base64"].iter().any(|kind| tls[format!("root_ca_certificate{kind}")].is_string());
@@ -223,13 +198,16 @@ pub(crate) fn open(settings: &Value, config: Config) -> Result<Session, LinkErro
 /// # Errors
 /// Names the file, what is wrong and what to do.
 pub fn check_credentials(settings: &Value, clock: &dyn Clock) -> Result<(), PkiError> {
-    for side in ["listen", "connect"] {
-        let used = endpoints(settings, side).iter().any(|endpoint| endpoint.starts_with("tls/"));
-        if let Some(credentials) = tls_files(settings, side).filter(|_| used) {
-            credentials.check(clock)?;
-        }
-    }
-    Ok(())
+    ["listen", "connect"].iter().filter_map(|side| used_files(settings, side)).try_for_each(|files| {
+        files.check(clock)?;
+        Ok(())
+    })
+}
+
+/// The files for TLS of one side, if any of its endpoints needs them.
+pub(crate) fn used_files(settings: &Value, side: &str) -> Option<Credentials> {
+    let used = endpoints(settings, side).iter().any(|endpoint| endpoint.starts_with("tls/"));
+    tls_files(settings, side).filter(|_| used)
 }
 
 /// A holder's files as settings below `transport/link/tls`: for those who connect, and for a role that `listens` both.
@@ -273,24 +251,20 @@ fn prepare_socket(endpoint: &str) -> Result<(), LinkError> {
     let Some(path) = endpoint.strip_prefix("unixsock-stream/") else { return Ok(()) };
     let path = path.split(['?', '#']).next().unwrap_or(path);
     let Some(folder) = Path::new(path).parent().filter(|folder| !folder.exists()) else { return Ok(()) };
-    let made = {
-        use std::os::unix::fs::DirBuilderExt;
-        std::fs::DirBuilder::new().recursive(true).mode(0o700).create(folder)
-    };
-    made.map_err(|cause| LinkError::File { path: folder.display().to_string(), cause: cause.to_string() })
+    let made = std::fs::DirBuilder::new().recursive(true).mode(0o700).create(folder);
+    made.map_err(|cause| LinkError::failed(folder.display().to_string(), &cause))
 }
 
 fn read(path: &Path) -> Result<Value, LinkError> {
-    let wrong = |cause: String| LinkError::File { path: path.display().to_string(), cause };
-    let text = std::fs::read_to_string(path).map_err(|error| wrong(error.to_string()))?;
-    let value: Value = json5::from_str(&text).map_err(|error| wrong(error.to_string()))?;
-    if value.is_object() { Ok(value) } else { Err(wrong("must be an object, { … }".to_owned())) }
+    let wrong = |cause: &dyn Display| LinkError::failed(path.display().to_string(), cause);
+    let text = std::fs::read_to_string(path).map_err(|error| wrong(&error))?;
+    let value: Value = json5::from_str(&text).map_err(|error| wrong(&error))?;
+    if value.is_object() { Ok(value) } else { Err(wrong(&"must be an object, { … }")) }
 }
 
-/// Settings as Zenoh's own type.
-pub(crate) fn parse(settings: &Value) -> Result<Config, LinkError> {
-    Config::from_json5(&settings.to_string())
-        .map_err(|error| LinkError::Setting { place: "settings".to_owned(), cause: error.to_string() })
+/// Settings, which `place` gives, as Zenoh's own type.
+pub(crate) fn parse(settings: &Value, place: impl Into<String>) -> Result<Config, LinkError> {
+    Config::from_json5(&settings.to_string()).map_err(LinkError::session(place))
 }
 
 fn nested(path: &str, value: Value) -> Value {
@@ -408,7 +382,7 @@ mod tests {
         authority.issue(&vehicle, &clock).expect("is legal");
         authority.issue(&supertwin_pki::Request::new(Role::Observer, Scope::Fleet, "o"), &clock).expect("is legal");
         let link = |holder: &str| Link {
-            credentials: Some(authority.folder().join(holder)),
+            credentials: Some(authority.folder.join(holder)),
             connect: vec!["tls/localhost:1".to_owned()],
             overrides: vec!["transport/link/tls/verify_name_on_connect=false".to_owned()],
             ..Link::default()
@@ -422,7 +396,7 @@ mod tests {
 
         let settings = link("o").settings().expect("legal");
         assert_eq!(check_credentials(&settings, &clock), Ok(()));
-        std::fs::remove_file(authority.folder().join("o/ca.pem")).expect("is there");
+        std::fs::remove_file(authority.folder.join("o/ca.pem")).expect("is there");
         let said = check_credentials(&settings, &clock).expect_err("is gone").to_string();
         assert!(said.contains("o/ca.pem: No such file"), "{said}");
         let said = link("o").open().map(drop).expect_err("is gone").to_string();

@@ -1,15 +1,17 @@
 //! Listening from outside the ring: samples, past events, who comes and goes. Bounded, and never in the network's way.
 
 use crate::session::LinkError;
+use crate::transport::question;
+use parking_lot::{Condvar, Mutex};
 use std::collections::VecDeque;
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::time::Duration;
 use supertwin_protocol::event_order::{EVENTS_KEPT, EventOrder};
-use supertwin_protocol::{Clock, Received};
+use supertwin_protocol::{Clock, Received, keys};
 use zenoh::key_expr::KeyExpr;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Subscriber;
-use zenoh::query::{ConsolidationMode, QueryTarget, ReplyKeyExpr};
+use zenoh::query::ReplyKeyExpr;
 use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Session, Wait};
 use zenoh_ext::{AdvancedSubscriber, AdvancedSubscriberBuilderExt, HistoryConfig, RecoveryConfig};
@@ -41,12 +43,8 @@ struct Shared {
 }
 
 impl Shared {
-    fn lock(&self) -> MutexGuard<'_, Queue> {
-        self.queue.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    fn push(&self, kind: Kind, heard: Received) {
-        let mut queue = self.lock();
+    fn push(&self, kind: Kind, received: Received) {
+        let mut queue = self.queue.lock();
         let Queue { samples, events, lost, .. } = &mut *queue;
         let line = match kind {
             Kind::Sample => samples,
@@ -56,7 +54,7 @@ impl Shared {
             line.pop_front();
             *lost += 1;
         }
-        line.push_back(heard);
+        line.push_back(received);
         drop(queue);
         self.filled.notify_one();
     }
@@ -69,14 +67,14 @@ pub struct Interrupter(Arc<Shared>);
 impl Interrupter {
     /// Nobody waits any more.
     pub fn interrupt(&self) {
-        self.0.lock().interrupted = true;
+        self.0.queue.lock().interrupted = true;
         self.0.filled.notify_all();
     }
 
     /// Whether that has happened.
     #[must_use]
     pub fn interrupted(&self) -> bool {
-        self.0.lock().interrupted
+        self.0.queue.lock().interrupted
     }
 }
 
@@ -113,7 +111,7 @@ impl Inbox {
 
     fn callback(&self, kind: Kind) -> impl Fn(Sample) + Send + Sync + 'static {
         let (shared, clock) = (Arc::clone(&self.shared), Arc::clone(&self.clock));
-        move |sample| shared.push(kind, heard(&sample, clock.now()))
+        move |sample| shared.push(kind, received(&sample, clock.now()))
     }
 
     /// Listens to `key`, which may have wildcards.
@@ -165,17 +163,17 @@ impl Inbox {
     #[must_use]
     pub fn next(&self, deadline: Option<Duration>) -> Option<Received> {
         loop {
-            let mut order = self.order.lock().unwrap_or_else(PoisonError::into_inner);
+            let mut order = self.order.lock();
             let now = self.clock.now();
-            let mut queue = self.shared.lock();
+            let mut queue = self.shared.queue.lock();
             if queue.interrupted {
                 return None;
             }
             for event in queue.events.drain(..) {
                 order.push(event, now);
             }
-            if let Some(heard) = queue.samples.pop_front() {
-                return Some(heard);
+            if let Some(received) = queue.samples.pop_front() {
+                return Some(received);
             }
             drop(queue);
             let questions = order.questions(now);
@@ -184,20 +182,23 @@ impl Inbox {
             }
             let due = order.due();
             drop(order);
-            questions.iter().for_each(|key| self.ask_for(key));
+            if let Some(session) = &self.session {
+                // The service behind a key keeps its events.
+                questions.iter().for_each(|key| self.ask(session, &keys::advanced(key), Kind::Event));
+            }
             if deadline.is_some_and(|deadline| now >= deadline) {
                 return None;
             }
             let until = [deadline, due].into_iter().flatten().min();
-            let mut queue = self.shared.lock();
+            let mut queue = self.shared.queue.lock();
             while queue.samples.is_empty() && queue.events.is_empty() && !queue.interrupted {
-                queue = match until.map(|until| until.saturating_sub(self.clock.now())) {
-                    None => self.shared.filled.wait(queue).unwrap_or_else(PoisonError::into_inner),
+                match until.map(|until| until.saturating_sub(self.clock.now())) {
+                    None => self.shared.filled.wait(&mut queue),
                     Some(left) if left.is_zero() => break,
                     Some(left) => {
-                        self.shared.filled.wait_timeout(queue, left).unwrap_or_else(PoisonError::into_inner).0
+                        self.shared.filled.wait_for(&mut queue, left);
                     }
-                };
+                }
             }
         }
     }
@@ -205,8 +206,8 @@ impl Inbox {
     /// What has arrived and was not read, also after an interruption; waits for nothing.
     #[must_use]
     pub fn rest(&self) -> Vec<Received> {
-        let mut order = self.order.lock().unwrap_or_else(PoisonError::into_inner);
-        let mut queue = self.shared.lock();
+        let mut order = self.order.lock();
+        let mut queue = self.shared.queue.lock();
         let now = self.clock.now();
         for event in queue.events.drain(..) {
             order.push(event, now);
@@ -214,18 +215,11 @@ impl Inbox {
         queue.samples.drain(..).chain(std::iter::from_fn(|| order.pop())).collect()
     }
 
-    /// Asks the service behind `key` for the events that it keeps.
-    fn ask_for(&self, key: &str) {
-        if let Some(session) = &self.session {
-            self.ask(session, &format!("{key}/@adv/**"), Kind::Event);
-        }
-    }
-
     /// Asks whoever publishes on `key` for the `newest` messages that it keeps, or for all of them; they arrive like
     /// others, perhaps again.
     pub fn recall(&self, session: &Session, key: &str, newest: Option<u64>) {
         let only = newest.map_or_else(String::new, |count| format!("?_max={count}"));
-        self.ask(session, &format!("{key}/@adv/**{only}"), Kind::Sample);
+        self.ask(session, &format!("{}{only}", keys::advanced(key)), Kind::Sample);
     }
 
     /// Asks whoever answers on `key`, which may have wildcards; the answers arrive like samples.
@@ -236,12 +230,8 @@ impl Inbox {
     fn ask(&self, session: &Session, key: &str, kind: Kind) {
         let taken = self.callback(kind);
         // A question that fails is asked again, and in the end the gap stays visible in the numbers.
-        let _ = session
-            .get(key)
-            .target(QueryTarget::All)
+        let _ = question(session, key, HISTORY)
             .accept_replies(ReplyKeyExpr::Any)
-            .consolidation(ConsolidationMode::None)
-            .timeout(HISTORY)
             .callback(move |reply| {
                 if let Ok(sample) = reply.result() {
                     taken(sample.clone());
@@ -253,11 +243,11 @@ impl Inbox {
     /// Samples that went because the reader was too slow.
     #[must_use]
     pub fn lost(&self) -> u64 {
-        self.shared.lock().lost
+        self.shared.queue.lock().lost
     }
 }
 
-fn heard(sample: &Sample, at: Duration) -> Received {
+fn received(sample: &Sample, at: Duration) -> Received {
     Received {
         key: sample.key_expr().as_str().to_owned(),
         payload: sample.payload().to_bytes().into_owned(),
@@ -298,7 +288,7 @@ mod tests {
     use super::*;
     use supertwin_protocol::SystemClock;
 
-    fn heard(i: usize) -> Received {
+    fn received(i: usize) -> Received {
         Received { key: i.to_string(), payload: Vec::new(), gone: false, at: Duration::ZERO }
     }
 
@@ -306,20 +296,20 @@ mod tests {
     fn a_slow_reader_loses_the_oldest_and_knows_how_many() {
         let inbox = Inbox::new(Arc::new(SystemClock::start()));
         for i in 0..ROOM + 3 {
-            inbox.shared.push(Kind::Sample, heard(i));
+            inbox.shared.push(Kind::Sample, received(i));
         }
         assert_eq!(inbox.lost(), 3);
-        assert_eq!(inbox.next(None), Some(heard(3)));
+        assert_eq!(inbox.next(None), Some(received(3)));
     }
 
     #[test]
     fn waits_end_by_their_deadline_and_by_an_interruption() {
         let inbox = Inbox::new(Arc::new(SystemClock::start()));
         assert_eq!(inbox.next(Some(Duration::ZERO)), None);
-        inbox.shared.push(Kind::Sample, heard(0));
+        inbox.shared.push(Kind::Sample, received(0));
         inbox.interrupter().interrupt();
         assert_eq!(inbox.next(None), None, "who was interrupted reads no more");
-        assert_eq!(inbox.rest(), [heard(0)], "but what is left");
+        assert_eq!(inbox.rest(), [received(0)], "but what is left");
     }
 
     #[test]

@@ -3,18 +3,18 @@
 use crate::host::schedule::shortest;
 use crate::mailbox::{Arrival, Mailbox};
 use crate::session::LinkError;
+use crate::transport::publisher;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use supertwin_protocol::clock::Clock;
-use supertwin_protocol::envelope::{Envelope, decode};
+use supertwin_protocol::envelope::{Envelope, decode, head};
 use supertwin_protocol::fault::{Fault, FaultRates};
 use supertwin_protocol::keys;
 use supertwin_protocol::payload::{Seen, Stop};
 use supertwin_protocol::telemetry::Telemetry;
-use zenoh::bytes::Encoding;
 use zenoh::pubsub::Publisher;
-use zenoh::qos::{CongestionControl, Priority};
+use zenoh::qos::Priority;
 use zenoh::{Session, Wait};
 
 /// The services whose telemetry a witness wants, in the order of the ring.
@@ -41,36 +41,12 @@ pub enum WitnessError {
     /// The session failed, or something could not be declared on it.
     #[error(transparent)]
     Link(#[from] LinkError),
-    /// The ring stands still.
-    #[error("tick {tick}: nothing from {missing} for {waited_s:.0} s")]
-    Silent {
-        /// Tick of which messages are missing.
-        tick: u64,
-        /// Services of which nothing has come.
-        missing: String,
-        /// How long it waited.
-        waited_s: f64,
-    },
-    /// Somebody ended the run.
-    #[error("tick {tick}: {source_name} ended the run: {reason}; the witness still missed {missing}")]
-    Stopped {
+    /// The ring stands still, somebody ended the run, or a message could not be read.
+    #[error("tick {tick}: {cause}")]
+    Failed {
         /// Tick that the witness waited for.
         tick: u64,
-        /// Service and instance that ended the run.
-        source_name: String,
-        /// The reason that it gave.
-        reason: String,
-        /// Whose telemetry of this tick had not come.
-        missing: String,
-    },
-    /// A message could not be read.
-    #[error("tick {tick}: {service}: {cause}")]
-    Malformed {
-        /// Tick that the witness waited for.
-        tick: u64,
-        /// Service that sent the message.
-        service: &'static str,
-        /// Why it could not be read.
+        /// Which of these it was, and by whose fault.
         cause: String,
     },
     /// Stopped from outside.
@@ -107,12 +83,12 @@ pub fn witness(
     let mut receipts = Receipts::open(session, "", &options.name, &options.instance, options.faults, clock.now())?;
     let mut slots: [Option<Vec<u8>>; 4] = [None, None, None, None];
     let mut next = 0;
-    let mut heard_at = clock.now();
+    let mut received_at = clock.now();
     loop {
         if stop.load(Ordering::Relaxed) {
             return Err(WitnessError::Interrupted);
         }
-        while let Some(arrival) = mailbox.take(true) {
+        while let Some(arrival) = mailbox.pop(true) {
             let Arrival::Wire(_, number, payload) = arrival else { continue };
             let bytes = payload.to_bytes();
             if number == RING.len() {
@@ -120,14 +96,14 @@ pub fn witness(
                 if stop.complete && next >= options.ticks {
                     return Ok(());
                 }
-                let (source_name, reason) = (stop.source, stop.reason);
-                return Err(WitnessError::Stopped { tick: next, source_name, reason, missing: missing(&slots) });
+                let (source, reason, missing) = (stop.source, stop.reason, missing(&slots));
+                let cause = format!("{source} ended the run: {reason}; the witness still missed {missing}");
+                return Err(WitnessError::Failed { tick: next, cause });
             }
             // Only the tick is needed to know whether it is the one that is waited for.
-            let head: Envelope<'_, serde::de::IgnoredAny> =
-                decode(&bytes).map_err(|cause| malformed(next, number, &cause))?;
-            if head.tick == next && slots[number].is_none() {
-                heard_at = clock.now();
+            let message = head(&bytes).map_err(|cause| malformed(next, number, &cause))?;
+            if message.tick == next && slots[number].is_none() {
+                received_at = clock.now();
                 slots[number] = Some(bytes.into_owned());
             }
         }
@@ -146,13 +122,13 @@ pub fn witness(
         }
         let now = clock.now();
         let patience = if next == 0 { options.patience.max(START) } else { options.patience };
-        let silent = now.saturating_sub(heard_at);
+        let silent = now.saturating_sub(received_at);
         if silent > patience {
             if next >= options.ticks {
                 return Ok(());
             }
-            let (missing, waited_s) = (missing(&slots), silent.as_secs_f64());
-            return Err(WitnessError::Silent { tick: next, missing, waited_s });
+            let cause = format!("nothing from {} for {:.0} s", missing(&slots), silent.as_secs_f64());
+            return Err(WitnessError::Failed { tick: next, cause });
         }
         let due = receipts.repeat(now);
         mailbox.wait(clock, Some(due));
@@ -185,11 +161,7 @@ impl Receipts {
         faults: Option<FaultRates>,
         now: Duration,
     ) -> Result<Self, LinkError> {
-        let publisher = session
-            .declare_publisher(format!("{root}{}", keys::witness(name)))
-            .encoding(Encoding::APPLICATION_JSON)
-            .congestion_control(CongestionControl::Drop)
-            .priority(Priority::InteractiveHigh)
+        let publisher = publisher(session, format!("{root}{}", keys::witness(name)), Priority::InteractiveHigh)
             .express(true)
             .wait()
             .map_err(LinkError::session("publisher of the witness"))?;
@@ -255,5 +227,5 @@ fn missing(slots: &[Option<Vec<u8>>; 4]) -> String {
 }
 
 fn malformed(tick: u64, number: usize, cause: &supertwin_protocol::envelope::Rejected) -> WitnessError {
-    WitnessError::Malformed { tick, service: RING[number], cause: cause.to_string() }
+    WitnessError::Failed { tick, cause: format!("{}: {cause}", RING[number]) }
 }

@@ -3,9 +3,10 @@
 //! Zenoh tells neither to anybody by its interface. Sources and wordings are those of Zenoh 1.10.2; `tests/zenoh_log.rs`
 //! provokes every notice over a real router, and fails at once when an upgrade has made this blind.
 
+use parking_lot::Mutex;
 use std::fmt::{Debug, Write};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
 use supertwin_protocol::role::parse_common_name;
 use tracing::field::{Field, Visit};
 use tracing::level_filters::LevelFilter;
@@ -49,11 +50,11 @@ pub(crate) fn with_connect_failure<T>(connect: impl FnOnce() -> T) -> (T, Option
     let kept = Arc::clone(&last);
     let listener = Listener::new(is_of_connecting, move |notice| {
         if let Notice::ConnectFailed { reason } = notice {
-            *kept.lock().unwrap_or_else(PoisonError::into_inner) = Some(reason);
+            *kept.lock() = Some(reason);
         }
     });
     let done = tracing::subscriber::with_default(listener, connect);
-    let reason = last.lock().unwrap_or_else(PoisonError::into_inner).take();
+    let reason = last.lock().take();
     (done, reason)
 }
 
@@ -213,9 +214,9 @@ mod tests {
 
     /// What a listener makes of lines of access control, which follow each other on one thread.
     fn notices(say: impl FnOnce(&Listener<&dyn Fn(Notice)>)) -> Vec<Notice> {
-        let heard = Mutex::new(Vec::new());
-        say(&Listener::new(is_of_access, &|notice| heard.lock().expect("one thread").push(notice)));
-        heard.into_inner().expect("one thread")
+        let received = Mutex::new(Vec::new());
+        say(&Listener::new(is_of_access, &|notice| received.lock().push(notice)));
+        received.into_inner()
     }
 
     fn refused(action: &str, key: &str) -> Notice {
@@ -226,7 +227,7 @@ mod tests {
     fn a_refused_message_is_told_apart_from_permissions_that_are_worked_out_in_advance() {
         let named = Notice::Identified { session: "ab12".to_owned(), common_name: "observer.rov".to_owned() };
         let on = "ab12 on Interface(lo)+CertCommonName(observer.rov)+tls+ab12 is unauthorized to";
-        let heard = notices(|listener| {
+        let received = notices(|listener| {
             listener.access_control("ACL (ingress): caching permissions for `rov/estimator/nav` ...", Some(7));
             listener.access_control(&format!("{on} Put (ingress) on rov/estimator/nav"), Some(8));
             let cached = "Using cached result: ab12 is unauthorized to Put (ingress) on rov/estimator/nav";
@@ -235,24 +236,24 @@ mod tests {
         });
         let expected =
             [named.clone(), refused("put", "rov/estimator/nav"), named, refused("query", "rov/authority/lease")];
-        assert_eq!(heard, expected);
+        assert_eq!(received, expected);
     }
 
     #[test]
     fn lines_of_no_interest_are_made_once() {
-        let heard = notices(|listener| {
+        let received = notices(|listener| {
             listener.access_control("Using cached result: ab12 is authorized to Put (ingress) on a", Some(5));
             listener.access_control("Using cached result: ab12 is unauthorized to Put (egress) on a", Some(6));
             listener.access_control("ab12 on lo+x+tls is unauthorized to Put (egress) on a", Some(7));
             let silenced = [5, 6, 7].map(|line| listener.is_silenced(line));
             assert_eq!(silenced, [true, true, false], "the last serves both directions");
         });
-        assert!(heard.is_empty(), "{heard:?}");
+        assert!(received.is_empty(), "{received:?}");
     }
 
     #[test]
     fn handshakes_are_told_with_their_end() {
-        let heard = notices(|listener| {
+        let received = notices(|listener| {
             listener.tls("invalid peer certificate: UnknownIssuer. Hint: increase the open file limit.", Level::WARN);
             let accepted = "Accepted TLS connection on 127.0.0.1:7447: 127.0.0.1:5000. Common Name: operator.rov.";
             listener.tls(accepted, Level::DEBUG);
@@ -264,7 +265,7 @@ mod tests {
             Notice::Connected { common_name: "operator.rov".to_owned(), from: "127.0.0.1:5000".to_owned() },
             Notice::WithoutRole { session: "ab12".to_owned() },
         ];
-        assert_eq!(heard, expected);
+        assert_eq!(received, expected);
     }
 
     #[test]

@@ -5,10 +5,11 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::mpsc;
 use std::time::Duration;
+use supertwin_core::EventKind;
 use supertwin_pki::{Authority, DAY, Request};
 use supertwin_protocol::{Role, Scope, SystemClock, keys};
 use supertwin_zenoh::access_control::router_file;
-use supertwin_zenoh::access_log::{AccessEvent, AccessLog};
+use supertwin_zenoh::access_log::AccessLog;
 use supertwin_zenoh::session::tls_settings;
 use supertwin_zenoh::{Link, Router, close};
 use zenoh::Wait;
@@ -34,7 +35,7 @@ fn every_line_that_is_listened_for_is_still_recognised() {
 
     let (tell, told) = mpsc::channel();
     // Nobody hears the last reports, after the test.
-    let _log = AccessLog::new(Arc::new(clock), move |event, _| drop(tell.send(event.clone())));
+    let _log = AccessLog::new(Arc::new(clock), move |event| drop(tell.send(event)));
     let link = Link { file: Some(settings), ..Link::default() };
     let router = Router::open(&link, Arc::new(clock), |_| ()).expect("a free port");
     let place = router.locators().into_iter().find(|place| place.starts_with("tls/")).expect("listens on TLS");
@@ -42,7 +43,7 @@ fn every_line_that_is_listened_for_is_still_recognised() {
         let credentials = Some(credentials.to_owned());
         Link { connect: vec![place.clone()], credentials, patience_ms: 10_000, ..Link::default() }.open()
     };
-    let until = |what: &str, is: &dyn Fn(&AccessEvent) -> bool| loop {
+    let until = |what: &str, is: &dyn Fn(&EventKind) -> bool| loop {
         let event = told.recv_timeout(PATIENCE).unwrap_or_else(|_| panic!("the log is not understood: {what}"));
         if is(&event) {
             break;
@@ -51,12 +52,15 @@ fn every_line_that_is_listened_for_is_still_recognised() {
 
     let observer = ours.issue(&Request::new(Role::Observer, of("rov"), "olga"), &clock).expect("is legal");
     let session = join(observer.key.parent().expect("a folder")).expect("is of the fleet");
-    until("a connection", &|event| matches!(event, AccessEvent::Connected { name, .. } if name == "observer.rov"));
+    until(
+        "a connection",
+        &|event| matches!(event, EventKind::ConnectionAccepted { name, .. } if name == "observer.rov"),
+    );
     let lease = format!("{}/{}", keys::namespace("rov"), keys::LEASE);
     let replies = session.get(&lease).timeout(Duration::from_secs(1)).wait().expect("a question");
     assert!(!replies.into_iter().any(|reply| reply.result().is_ok()), "an observer was answered");
     until("a refused message", &|event| {
-        let AccessEvent::MessageRefused { name, action, key, .. } = event else { return false };
+        let EventKind::AccessRefused { name, action, key, .. } = event else { return false };
         assert_eq!((&**name, &**action, key), ("observer.rov", "query", &lease), "what was allowed was not refused");
         true
     });
@@ -64,7 +68,7 @@ fn every_line_that_is_listened_for_is_still_recognised() {
 
     let guest = ours.issue(&Request::new(Role::Operator, of("nautilus"), "nemo"), &clock).expect("is legal");
     let session = join(guest.key.parent().expect("a folder")).expect("is of the fleet");
-    until("a certificate without a role", &|event| matches!(event, AccessEvent::WithoutRole { .. }));
+    until("a certificate without a role", &|event| matches!(event, EventKind::SessionWithoutRole { .. }));
     close(&session);
 
     let stranger = others.issue(&Request::new(Role::Operator, of("rov"), "eve"), &clock).expect("is legal");
@@ -83,6 +87,6 @@ fn every_line_that_is_listened_for_is_still_recognised() {
     let config = Link { connect: vec![place.clone()], overrides: vec![tls], patience_ms: 10_000, ..Link::default() };
     let config = config.config().expect("is legal");
     assert!(zenoh::open(config).wait().is_err(), "a stranger was let in");
-    until("a refused handshake", &|event| matches!(event, AccessEvent::ConnectionRefused { .. }));
+    until("a refused handshake", &|event| matches!(event, EventKind::ConnectionRefused { .. }));
     router.close();
 }

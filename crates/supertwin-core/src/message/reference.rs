@@ -5,8 +5,21 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// What guidance is doing, or what the controller does when guidance is silent.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[derive(
+    Clone,
+    Copy,
+    Debug,
+    Default,
+    PartialEq,
+    Eq,
+    Serialize,
+    Deserialize,
+    JsonSchema,
+    strum::EnumString,
+    strum::IntoStaticStr,
+)]
 #[serde(rename_all = "snake_case")]
+#[strum(serialize_all = "snake_case")]
 pub enum Mode {
     /// No force at all.
     #[default]
@@ -24,11 +37,7 @@ impl Mode {
     /// The name used in files, on wires and in recordings.
     #[must_use]
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Neutral => "neutral",
-            Self::DepthHeadingHold => "depth_heading_hold",
-            Self::FollowNet => "follow_net",
-        }
+        self.into()
     }
 }
 

@@ -155,8 +155,7 @@ impl Field for Mode {
         probe.label(signal, self.name());
     }
     fn find(signal: &'static Signal, values: &impl SignalValues) -> Option<Self> {
-        let name = values.label(signal)?;
-        Self::ALL.into_iter().find(|mode| mode.name() == name)
+        values.label(signal)?.parse().ok()
     }
 }
 

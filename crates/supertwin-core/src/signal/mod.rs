@@ -49,7 +49,7 @@ mod tests {
             let names: BTreeSet<_> = signal.components.iter().collect();
             assert_eq!(names.len(), signal.components.len(), "{signal:?}");
             let units = signal.units.len();
-            assert!(signal.is_label() || units == 1 || units == signal.width(), "{signal:?}");
+            assert!(signal.units.is_empty() || units == 1 || units == signal.width(), "{signal:?}");
             assert!(signal.units.iter().all(|unit| !unit.is_empty()), "{signal:?}");
         }
         assert!(paths.len() > 60, "{}", paths.len());

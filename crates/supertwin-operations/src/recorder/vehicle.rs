@@ -136,8 +136,14 @@ impl Vehicle {
     /// Begins to listen; `root` is what its keys begin with.
     pub(crate) fn new(name: &str, root: &str, shared: &Shared, inbox: &Inbox) -> Result<Self, LinkError> {
         let now = shared.clock.now();
-        let publisher =
-            ServicePublisher::open(&shared.session, root, "recorder", &shared.instance, Arc::clone(&shared.clock))?;
+        let publisher = ServicePublisher::open(
+            &shared.session,
+            root,
+            "recorder",
+            &shared.instance,
+            Arc::clone(&shared.clock),
+            true,
+        )?;
         let receipts = Receipts::open(&shared.session, root, &shared.witness, &shared.instance, None, now)?;
         let mut vehicle = Self {
             name: name.to_owned(),

@@ -111,15 +111,12 @@ pub fn client_file(role: Role, vehicle: &str, connect: &[String], tls: &Value) -
 const WIDTH: usize = 118;
 
 /// The order in which settings are easiest to read; what is not here follows by the alphabet.
-const ORDER: [&str; 27] = [
+const ORDER: [&str; 24] = [
     "id",
     "mode",
     "metadata",
-    "role",
-    "vehicle",
     "listen",
     "connect",
-    "endpoints",
     "scouting",
     "adminspace",
     "timestamping",

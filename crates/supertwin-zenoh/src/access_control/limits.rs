@@ -14,20 +14,17 @@ use supertwin_protocol::command_queue::MAX_REQUEST;
 use supertwin_protocol::keys;
 use supertwin_protocol::payload::STREAMS;
 
-/// Largest request, set-point or wrench, in bytes: what the services look at.
-pub const LARGEST_REQUEST: usize = MAX_REQUEST;
-/// Largest message of any kind, in bytes.
-pub const LARGEST_MESSAGE: usize = 65_536;
+/// Largest message of any kind, in bytes; requests, set-points and wrenches are no larger than what the services look at.
+const LARGEST_MESSAGE: usize = 65_536;
 
 /// How often one client may send on the keys of a pattern.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Rate {
+struct Rate {
     /// What: `put` or `query`.
-    pub message: &'static str,
+    message: &'static str,
     /// Relative to the vehicle's namespace.
-    pub key: String,
+    key: String,
     /// Inverse of the least distance between two of them.
-    pub per_s: f64,
+    per_s: f64,
 }
 
 /// What a service kept is asked for after a cut; each answer may be all of it.
@@ -36,8 +33,7 @@ const HISTORIES_PER_S: f64 = 20.0;
 const SETPOINTS_PER_S: f64 = 500.0;
 
 /// All of them. Patterns of one kind of message do not overlap: Zenoh counts a message for one of them only.
-#[must_use]
-pub fn rates() -> Vec<Rate> {
+fn rates() -> Vec<Rate> {
     let services = || ABOARD.into_iter().chain(["guidance"]);
     let telemetry = services().map(keys::telemetry);
     let events = services().chain(["recorder", "router"]).map(keys::event);
@@ -80,8 +76,8 @@ pub(super) fn sizes(vehicle: &str) -> Value {
         })
     };
     json!([
-        item("request-size", &["query"], &all, LARGEST_REQUEST),
-        item("setpoint-size", &["put"], &streams, LARGEST_REQUEST),
+        item("request-size", &["query"], &all, MAX_REQUEST),
+        item("setpoint-size", &["put"], &streams, MAX_REQUEST),
         item("message-size", &["put", "delete", "reply"], &all, LARGEST_MESSAGE),
     ])
 }
@@ -100,12 +96,5 @@ mod tests {
             }
         }
         assert!(all.len() > 10);
-    }
-
-    #[test]
-    fn the_limits_are_zenohs() {
-        let settings = json!({ "downsampling": downsampling("rov"), "low_pass_filter": sizes("rov") });
-        let config = zenoh::Config::from_json5(&settings.to_string());
-        assert!(config.is_ok(), "{config:?}");
     }
 }

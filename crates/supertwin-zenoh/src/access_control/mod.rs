@@ -7,6 +7,5 @@ mod prove;
 mod rules;
 
 pub use file::{client_file, router_file};
-pub use limits::{LARGEST_MESSAGE, LARGEST_REQUEST, Rate, rates};
 pub use prove::{Attempt, prove};
 pub use rules::{current_hash, hash, router_rules};

@@ -5,15 +5,18 @@
 //! witness a question that is allowed knows with the answer that all before it has arrived, or never will.
 
 use crate::session::{LinkError, unique};
-use std::sync::{Arc, Mutex, PoisonError};
+use crate::transport::question;
+use crate::watch::Presence;
+use parking_lot::Mutex;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use supertwin_protocol::access::{AccessRow, Verb};
 use supertwin_protocol::keys;
 use zenoh::handlers::FifoChannelHandler;
 use zenoh::key_expr::KeyExpr;
-use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Subscriber;
-use zenoh::query::{ConsolidationMode, Query, QueryTarget, Queryable, Reply, ReplyKeyExpr};
+use zenoh::query::{Query, Queryable, Reply, ReplyKeyExpr};
 use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Session, Wait};
 
@@ -53,28 +56,28 @@ struct SampleLog(Arc<Mutex<Vec<(String, SampleKind)>>>);
 
 impl SampleLog {
     fn callback(&self, marks: String) -> impl Fn(Sample) + Send + Sync + 'static {
-        let heard = Arc::clone(&self.0);
+        let received = Arc::clone(&self.0);
         move |sample| {
             // The vehicle's own messages are none of the probe's.
             let ours = sample.kind() == SampleKind::Delete || sample.payload().to_bytes().starts_with(marks.as_bytes());
             if ours {
-                let mut heard = heard.lock().unwrap_or_else(PoisonError::into_inner);
-                heard.push((sample.key_expr().as_str().to_owned(), sample.kind()));
+                received.lock().push((sample.key_expr().as_str().to_owned(), sample.kind()));
             }
         }
     }
 
-    fn take(&self) -> Vec<(String, SampleKind)> {
-        core::mem::take(&mut *self.0.lock().unwrap_or_else(PoisonError::into_inner))
+    fn drain(&self) -> Vec<(String, SampleKind)> {
+        core::mem::take(&mut *self.0.lock())
     }
 }
 
 /// A session with full access to a vehicle that sees what arrives there.
 pub struct Witness {
-    session: Session,
+    /// Its session, which has full access.
+    pub session: Session,
     root: String,
     /// Begins every payload, and names what nobody else would.
-    mark: String,
+    pub mark: String,
     asked: u64,
     marker: Queryable<FifoChannelHandler<Query>>,
     samples: SampleLog,
@@ -103,18 +106,6 @@ impl Witness {
             .collect::<Result<_, _>>()
             .map_err(LinkError::session("the witness"))?;
         Ok(Self { session: session.clone(), root, mark, asked: 0, marker, samples, _subscribers: subscribers })
-    }
-
-    /// Names what nobody else would.
-    #[must_use]
-    pub fn mark(&self) -> &str {
-        &self.mark
-    }
-
-    /// Its session.
-    #[must_use]
-    pub fn session(&self) -> &Session {
-        &self.session
     }
 
     /// Lets `subject` ask a question that every role may ask; `meanwhile` is done before it is answered. Afterwards all
@@ -190,7 +181,7 @@ impl Witness {
         let failed = || LinkError::session(key.to_owned());
         match verb {
             Verb::Put | Verb::Delete => {
-                self.samples.take();
+                self.samples.drain();
                 let kind = if verb == Verb::Put {
                     subject.put(key.to_owned(), self.mark.clone()).wait().map_err(failed())?;
                     SampleKind::Put
@@ -199,36 +190,24 @@ impl Witness {
                     SampleKind::Delete
                 };
                 self.settle(subject, || Ok(()))?;
-                Ok(Seen::all_if(self.samples.take().iter().any(|(heard, of)| heard == key && *of == kind)))
+                Ok(Seen::all_if(self.samples.drain().iter().any(|(received, of)| received == key && *of == kind)))
             }
             Verb::Subscribe => self.subscribe(subject, key, alive),
-            Verb::Get if alive => {
-                let token = show(&self.session, key)?;
+            Verb::Get | Verb::Queryable | Verb::Liveliness => {
+                let witness = self.session.clone();
+                let (asks, answers) = if verb == Verb::Get { (subject, &witness) } else { (&witness, subject) };
+                if verb == Verb::Liveliness || (alive && verb == Verb::Get) {
+                    let _token = Presence::show(answers, key)?;
+                    self.settle(subject, || Ok(()))?;
+                    return Ok(Seen::all_if(is_shown(asks, key)?));
+                }
+                let (_queryable, asked) = answering(answers, key, &self.mark)?;
                 self.settle(subject, || Ok(()))?;
-                let seen = is_shown(subject, key)?;
-                drop(token);
-                Ok(Seen::all_if(seen))
-            }
-            Verb::Get => {
-                let (answering, asked) = answering(&self.session, key, &self.mark)?;
-                self.settle(subject, || Ok(()))?;
-                let answered = is_answered(subject, key, &self.mark)?;
-                drop(answering);
-                Ok(judge(asked.heard(), answered))
-            }
-            Verb::Queryable => {
-                let (answering, asked) = answering(subject, key, &self.mark)?;
-                self.settle(subject, || Ok(()))?;
-                let answered = is_answered(&self.session, key, &self.mark)?;
-                drop(answering);
-                Ok(judge(asked.heard(), answered))
-            }
-            Verb::Liveliness => {
-                let token = show(subject, key)?;
-                self.settle(subject, || Ok(()))?;
-                let seen = is_shown(&self.session, key)?;
-                drop(token);
-                Ok(Seen::all_if(seen))
+                Ok(match (is_answered(asks, key, &self.mark)?, asked.load(Ordering::SeqCst)) {
+                    (true, _) => Seen::All,
+                    (false, true) => Seen::Part,
+                    (false, false) => Seen::Nothing,
+                })
             }
         }
     }
@@ -253,10 +232,10 @@ impl Witness {
             self.settle(subject, || Ok(()))?;
             let mut token = None;
             self.settle(subject, || {
-                token = Some(show(&session, key)?);
+                token = Some(Presence::show(&session, key)?);
                 Ok(())
             })?;
-            let seen = !samples.take().is_empty();
+            let seen = !samples.drain().is_empty();
             drop((listening, token));
             return Ok(Seen::all_if(seen));
         }
@@ -266,28 +245,12 @@ impl Witness {
         let mark = self.mark.clone();
         self.settle(subject, || session.put(key.to_owned(), mark).wait().map_err(failed()))?;
         drop(listening);
-        Ok(Seen::all_if(!samples.take().is_empty()))
-    }
-}
-
-/// Whether a question arrived, and its answer.
-fn judge(asked: bool, answered: bool) -> Seen {
-    match (asked, answered) {
-        (_, true) => Seen::All,
-        (true, false) => Seen::Part,
-        (false, false) => Seen::Nothing,
+        Ok(Seen::all_if(!samples.drain().is_empty()))
     }
 }
 
 fn ask(session: &Session, key: &str) -> Result<FifoChannelHandler<Reply>, LinkError> {
-    session
-        .get(key.to_owned())
-        .target(QueryTarget::All)
-        .consolidation(ConsolidationMode::None)
-        .accept_replies(ReplyKeyExpr::Any)
-        .timeout(PATIENCE)
-        .wait()
-        .map_err(LinkError::session(key))
+    question(session, key, PATIENCE).accept_replies(ReplyKeyExpr::Any).wait().map_err(LinkError::session(key))
 }
 
 /// Whether anybody at all answers a question, if only by a refusal.
@@ -306,34 +269,21 @@ fn is_answered(session: &Session, key: &str, mark: &str) -> Result<bool, LinkErr
     Ok(answers.contains(&true))
 }
 
-fn answering(session: &Session, key: &str, mark: &str) -> Result<(Queryable<()>, Asked), LinkError> {
-    let asked = Asked::default();
-    let (flag, mark, at) = (asked.clone(), mark.to_owned(), KeyExpr::try_from(key.to_owned()));
+/// Answers on `key`; the flag is set when somebody asks.
+fn answering(session: &Session, key: &str, mark: &str) -> Result<(Queryable<()>, Arc<AtomicBool>), LinkError> {
+    let asked = Arc::new(AtomicBool::new(false));
+    let (flag, mark, at) = (Arc::clone(&asked), mark.to_owned(), KeyExpr::try_from(key.to_owned()));
     let at = at.map_err(LinkError::session(key))?;
     let queryable = session
         .declare_queryable(key.to_owned())
         .callback(move |query: Query| {
-            *flag.0.lock().unwrap_or_else(PoisonError::into_inner) = true;
+            flag.store(true, Ordering::SeqCst);
             // One that does not get through is one that was not answered.
             let _ = query.reply(at.clone(), mark.clone()).wait();
         })
         .wait()
         .map_err(LinkError::session(key))?;
     Ok((queryable, asked))
-}
-
-/// Whether a question came.
-#[derive(Clone, Debug, Default)]
-struct Asked(Arc<Mutex<bool>>);
-
-impl Asked {
-    fn heard(&self) -> bool {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
-fn show(session: &Session, key: &str) -> Result<LivelinessToken, LinkError> {
-    session.liveliness().declare_token(key.to_owned()).wait().map_err(LinkError::session(key))
 }
 
 fn is_shown(session: &Session, key: &str) -> Result<bool, LinkError> {

@@ -51,8 +51,7 @@ pub fn prove(
     let rows = matrix();
     let root = keys::namespace(vehicle);
     let flows = flows(subject, witness.as_deref(), &root, &rows, clock)?;
-    let mark =
-        witness.as_ref().map_or_else(|| format!("access-probe-{}", unique()), |witness| witness.mark().to_owned());
+    let mark = witness.as_ref().map_or_else(|| format!("access-probe-{}", unique()), |witness| witness.mark.clone());
     let mut attempts = Vec::new();
     for row in &rows {
         // Nobody at work writes or reads a key that has this name in it.
@@ -91,8 +90,8 @@ struct Flows {
 
 impl Flows {
     fn seen(&self, row: &AccessRow) -> Option<Seen> {
-        let heard = |keys: &BTreeSet<String>| row.keys.iter().any(|key| keys.contains(key));
-        match (heard(&self.theirs), self.real.as_ref().map(heard)) {
+        let received = |keys: &BTreeSet<String>| row.keys.iter().any(|key| keys.contains(key));
+        match (received(&self.theirs), self.real.as_ref().map(received)) {
             (true, _) => Some(Seen::All),
             (false, Some(true)) => Some(Seen::Nothing),
             // Nothing flows there now.
@@ -117,16 +116,16 @@ fn flows(
         }
         Ok::<Inbox, LinkError>(inbox)
     };
-    let (theirs, real) = (listen(subject)?, witness.map(|witness| listen(witness.session())).transpose()?);
+    let (theirs, real) = (listen(subject)?, witness.map(|witness| listen(&witness.session)).transpose()?);
     let end = clock.now() + FLOW;
     let hear = |inbox: &Inbox, end: Duration| {
-        let mut heard = BTreeSet::new();
+        let mut received = BTreeSet::new();
         while clock.now() < end
             && let Some(sample) = inbox.next(Some(end))
         {
-            heard.extend(sample.key.strip_prefix(root).and_then(|key| key.strip_prefix('/')).map(str::to_owned));
+            received.extend(sample.key.strip_prefix(root).and_then(|key| key.strip_prefix('/')).map(str::to_owned));
         }
-        heard
+        received
     };
     let real = real.map(|inbox| hear(&inbox, end));
     // What the witness has heard by then has been on its way to the other as well, and has a moment more.

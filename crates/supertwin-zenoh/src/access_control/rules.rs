@@ -25,6 +25,14 @@ struct Permission {
     keys: Vec<String>,
 }
 
+fn ingress(messages: &'static [&'static str], keys: Vec<String>) -> Permission {
+    Permission { flow: "ingress", messages, keys }
+}
+
+fn egress(messages: &'static [&'static str], keys: Vec<String>) -> Permission {
+    Permission { flow: "egress", messages, keys }
+}
+
 /// Rules of a router of `vehicle`, as Zenoh's `access_control`.
 #[must_use]
 pub fn router_rules(vehicle: &str) -> Value {
@@ -69,30 +77,15 @@ const LOCAL: &str = "local";
 fn own(vehicle: &str) -> Vec<Permission> {
     let root = keys::namespace(vehicle);
     let own = vec![format!("{root}/**"), keys::advanced(&format!("{root}/**"))];
+    let listening = &["declare_subscriber", "query", "declare_liveliness_subscriber", "liveliness_query"];
+    let declared =
+        &["query", "declare_subscriber", "declare_queryable", "declare_liveliness_subscriber", "liveliness_query"];
     vec![
-        Permission {
-            flow: "ingress",
-            messages: &["put", "delete", "reply", "declare_queryable", "liveliness_token"],
-            keys: own.clone(),
-        },
-        Permission {
-            flow: "ingress",
-            messages: &["declare_subscriber", "query", "declare_liveliness_subscriber", "liveliness_query"],
-            keys: anything(),
-        },
-        Permission { flow: "egress", messages: &["put", "delete", "reply", "liveliness_token"], keys: own },
+        ingress(&["put", "delete", "reply", "declare_queryable", "liveliness_token"], own.clone()),
+        ingress(listening, anything()),
+        egress(&["put", "delete", "reply", "liveliness_token"], own),
         // What comes in was let in by the asker's own rules, perhaps with a pattern for the vehicle's name.
-        Permission {
-            flow: "egress",
-            messages: &[
-                "query",
-                "declare_subscriber",
-                "declare_queryable",
-                "declare_liveliness_subscriber",
-                "liveliness_query",
-            ],
-            keys: anything(),
-        },
+        egress(declared, anything()),
     ]
 }
 
@@ -103,7 +96,7 @@ fn permissions(rows: &[AccessRow], role: Role, vehicle: &str) -> Vec<Permission>
     let any = |key: &String| format!("{}/{key}", keys::namespace("*"));
     let with = |verb: Verb| rows.iter().filter(move |row| row.allows(role, verb));
     let own_keys = |verb: Verb| with(verb).flat_map(|row| row.keys.iter().map(full)).collect::<Vec<_>>();
-    let heard = with(Verb::Subscribe).filter(|row| !row.is_liveliness()).flat_map(|row| row.keys.iter().map(full));
+    let received = with(Verb::Subscribe).filter(|row| !row.is_liveliness()).flat_map(|row| row.keys.iter().map(full));
     let seen = with(Verb::Subscribe).filter(|row| row.is_liveliness() || !row.bases().is_empty());
     let asked: Vec<String> = with(Verb::Get)
         .filter(|row| !row.is_liveliness())
@@ -118,48 +111,34 @@ fn permissions(rows: &[AccessRow], role: Role, vehicle: &str) -> Vec<Permission>
     let if_any = |empty: bool| if empty { Vec::new() } else { anything() };
     let (puts, tokens) = (own_keys(Verb::Put), own_keys(Verb::Liveliness));
     let answers = with(Verb::Queryable).flat_map(|row| [row.keys.clone(), row.bases()].concat());
+    let answers = answers.map(|key| full(&key)).collect();
+    let seen = seen.flat_map(|row| row.keys.iter().map(full)).collect();
+    let replies = asked.iter().cloned().chain(bases(Verb::Get)).map(|key| full(&key)).collect();
+    let listening = &["declare_subscriber", "declare_liveliness_subscriber", "liveliness_query"];
     let all = vec![
-        Permission { flow: "ingress", messages: &["put"], keys: puts.clone() },
-        Permission { flow: "ingress", messages: &["delete"], keys: own_keys(Verb::Delete) },
-        Permission {
-            flow: "ingress",
-            messages: &["declare_subscriber", "declare_liveliness_subscriber", "liveliness_query"],
-            keys: anything(),
-        },
-        Permission { flow: "ingress", messages: &["query"], keys: both(&asked) },
-        Permission { flow: "ingress", messages: &["declare_queryable"], keys: own_keys(Verb::Queryable) },
-        Permission { flow: "ingress", messages: &["reply"], keys: answers.map(|key| full(&key)).collect() },
-        Permission { flow: "ingress", messages: &["liveliness_token"], keys: tokens.clone() },
-        Permission { flow: "egress", messages: &["put", "delete"], keys: heard.collect() },
-        Permission {
-            flow: "egress",
-            messages: &["liveliness_token"],
-            keys: seen.flat_map(|row| row.keys.iter().map(full)).collect(),
-        },
-        Permission {
-            flow: "egress",
-            messages: &["reply"],
-            keys: asked.iter().cloned().chain(bases(Verb::Get)).map(|key| full(&key)).collect(),
-        },
-        Permission { flow: "egress", messages: &["query"], keys: both(&answered) },
+        ingress(&["put"], puts.clone()),
+        ingress(&["delete"], own_keys(Verb::Delete)),
+        ingress(listening, anything()),
+        ingress(&["query"], both(&asked)),
+        ingress(&["declare_queryable"], own_keys(Verb::Queryable)),
+        ingress(&["reply"], answers),
+        ingress(&["liveliness_token"], tokens.clone()),
+        egress(&["put", "delete"], received.collect()),
+        egress(&["liveliness_token"], seen),
+        egress(&["reply"], replies),
+        egress(&["query"], both(&answered)),
         // Who writes must learn that somebody listens, who asks that somebody answers.
-        Permission { flow: "egress", messages: &["declare_subscriber"], keys: if_any(puts.is_empty()) },
-        Permission { flow: "egress", messages: &["declare_queryable"], keys: if_any(asked.is_empty()) },
-        Permission {
-            flow: "egress",
-            messages: &["declare_liveliness_subscriber", "liveliness_query"],
-            keys: if_any(tokens.is_empty()),
-        },
+        egress(&["declare_subscriber"], if_any(puts.is_empty())),
+        egress(&["declare_queryable"], if_any(asked.is_empty())),
+        egress(&["declare_liveliness_subscriber", "liveliness_query"], if_any(tokens.is_empty())),
     ];
-    all.into_iter().map(Permission::tidy).collect()
-}
-
-impl Permission {
-    fn tidy(mut self) -> Self {
-        self.keys.sort();
-        self.keys.dedup();
-        self
-    }
+    all.into_iter()
+        .map(|mut permission| {
+            permission.keys.sort();
+            permission.keys.dedup();
+            permission
+        })
+        .collect()
 }
 
 /// The pattern of a row's family, if the role may ask all of it.

@@ -182,8 +182,8 @@ impl PkiArguments {
     fn init(&self, arguments: &InitArguments, clock: &dyn Clock) -> Result<ExitCode, OperationError> {
         let lifetime = arguments.lifetime.get().unwrap_or(pki::AUTHORITY_LIFETIME);
         let authority = Authority::init(&self.dir, &arguments.fleet, lifetime, clock)?;
-        let until = authority.certificate().not_after();
-        self.say(&json!({ "authority": self.dir, "certificate": authority.certificate() }), || {
+        let until = authority.certificate.not_after();
+        self.say(&json!({ "authority": self.dir, "certificate": authority.certificate }), || {
             format!(
                 "{}: the authority of {}, valid until {until}. Keep ca.key here, and keep a copy.",
                 self.dir.display(),

@@ -162,7 +162,7 @@ pub(crate) fn up(arguments: &UpArguments, library: &Library) -> Result<ExitCode,
         None => None,
     };
     let session = match &router {
-        Some(router) => router.session().clone(),
+        Some(router) => router.session.clone(),
         None => match open_patiently(link, &stop)? {
             Some(session) => session,
             None => return Ok(ExitCode::from(INTERRUPTED)),
@@ -263,7 +263,7 @@ fn router(
     let access = router_access(&link, arguments.open_to_everyone)?;
     let clock: Arc<dyn Clock> = Arc::new(SystemClock::start());
     let router = Router::open(&link, Arc::clone(&clock), certificate_news)?;
-    let access_log = access.watch(router.session(), None, &clock, tell_access)?;
+    let access_log = access.watch(&router.session, None, &clock, tell_access)?;
     let listening = router.locators();
     say(arguments.placement.json, &json!({ "listening": listening, "access_rules": access.json() }), || {
         format!("router: listening on {}; {}; Ctrl-C ends it", listening.join(", "), access.text())
