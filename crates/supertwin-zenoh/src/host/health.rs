@@ -55,7 +55,7 @@ impl<B: Wired + 'static> Host<B> {
                 self.operator.streams.iter().map(|stream| stream.refused).sum(),
             ],
             overflow: [self.counters.overflow.wires, self.counters.overflow.requests],
-            telemetry_dropped: telemetry_dropped + self.thrown,
+            telemetry_dropped: telemetry_dropped + self.counters.unwritten,
             letters_dropped,
             refused: self.counters.refused.1,
             events: self.sent.events,

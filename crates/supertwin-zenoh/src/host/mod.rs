@@ -24,12 +24,12 @@ use std::sync::Arc;
 use std::time::Duration;
 use supertwin_core::digest::DigestProbe;
 use supertwin_core::run::Properties;
-use supertwin_core::{EventKind, Message, OperatorLink, Ports, Severity, Tick, Watch, Wired};
+use supertwin_core::{EventKind, Message, Ports, Severity, Tick, Watch, Wired};
 use supertwin_protocol::clock::Clock;
 use supertwin_protocol::command_queue::CommandQueue;
 use supertwin_protocol::fault::{Fault, FaultRates};
 use supertwin_protocol::keys;
-use supertwin_protocol::lease::{Authority, LeaseView};
+use supertwin_protocol::lease::Authority;
 use supertwin_protocol::telemetry::{AppliedBefore, SignalList};
 use zenoh::Session;
 use zenoh::bytes::ZBytes;
@@ -169,13 +169,9 @@ pub struct Host<B: Wired> {
     began_at: Option<Duration>,
     digests: VecDeque<(u64, u64)>,
     ending: Option<Ending>,
-    buffer: Vec<u8>,
-    thrown: u64,
     publisher: Publisher<'static>,
     stop_publisher: Publisher<'static>,
     outbox: Outbox,
-    session: Session,
-    asides: Vec<String>,
     // Kept for what dropping them would undo.
     _subscribers: Vec<Subscriber<()>>,
     _queryables: Vec<Queryable<()>>,
@@ -199,7 +195,7 @@ impl<B: Wired + 'static> Host<B> {
         let mut asides = AsideKeys(Vec::new());
         block.asides(&mut asides);
         let mut droppable = vec![keys::telemetry(B::NAME)];
-        droppable.extend(asides.0.iter().cloned());
+        droppable.extend(asides.0);
         // In lock step nothing is lost that could be asked for again; a cache would only cost time.
         let cache = if options.pace == Pace::LockStep { 0 } else { TELEMETRY_CACHE };
         let outbox = Outbox::open(session, "", B::NAME, &droppable, cache)?;
@@ -213,7 +209,6 @@ impl<B: Wired + 'static> Host<B> {
         let token = Presence::show(session, &keys::alive(B::NAME, &options.instance))?;
 
         let now = clock.now();
-        let owner = B::OWNS_TIME;
         let mut host = Self {
             watch: Watch::new(&block),
             pristine: block.clone(),
@@ -223,7 +218,7 @@ impl<B: Wired + 'static> Host<B> {
             probe: DigestProbe::default(),
             commands: CommandQueue::new(&options.mission),
             source: format!("{}-{}", B::NAME, options.instance),
-            run: if owner { options.run.clone() } else { String::new() },
+            run: if B::OWNS_TIME { options.run.clone() } else { String::new() },
             next: 0,
             schedule: StepSchedule::default(),
             output: None,
@@ -236,27 +231,18 @@ impl<B: Wired + 'static> Host<B> {
             witnesses: options
                 .witnesses
                 .iter()
-                .map(|name| Witness { name: name.clone(), source: String::new(), seen: None })
+                .map(|name| Witness { name: name.clone(), ..Witness::default() })
                 .collect(),
-            operator: Operator {
-                authority: options.keeps_authority.then(Authority::default),
-                lease: LeaseView::default(),
-                link: OperatorLink::Present,
-                streams: Default::default(),
-            },
+            operator: Operator { authority: options.keeps_authority.then(Authority::default), ..Operator::default() },
             counters: Counters { refused: (now, 0), due: now + Duration::from_secs(1), ..Counters::default() },
             steps_of_run: 0,
             untold: Vec::new(),
             began_at: None,
             digests: VecDeque::new(),
             ending: None,
-            buffer: Vec::with_capacity(4096),
-            thrown: 0,
             publisher,
             stop_publisher,
             outbox,
-            session: session.clone(),
-            asides: asides.0,
             options,
             clock,
             now,
@@ -265,7 +251,7 @@ impl<B: Wired + 'static> Host<B> {
             _token: token,
         };
         if host.options.rejoins && matches!(host.options.pace, Pace::RealTime(_)) {
-            host.rejoin()?;
+            host.rejoin(session)?;
         }
         // Only now, when it knows the run: who asks before would wait for an answer that nobody gives yet.
         host._queryables = queryables::<B>(session, host.options.keeps_authority, mailbox, index, &host.outbox)?;

@@ -9,9 +9,9 @@ use supertwin_core::{EventKind, Severity, Wired};
 use supertwin_protocol::keys;
 use supertwin_protocol::ledger::Ledger;
 use supertwin_protocol::payload::Now;
-use zenoh::Wait;
 use zenoh::bytes::ZBytes;
 use zenoh::sample::Locality;
+use zenoh::{Session, Wait};
 
 /// Longest wait for those who are up, when a service starts.
 const REJOIN: Duration = Duration::from_secs(1);
@@ -19,10 +19,10 @@ const REJOIN: Duration = Duration::from_secs(1);
 impl<B: Wired + 'static> Host<B> {
     /// Real time: learns from those who are up which run and tick it is, who has the lease, and what the last
     /// messages were.
-    pub(super) fn rejoin(&mut self) -> Result<(), LinkError> {
+    pub(super) fn rejoin(&mut self, session: &Session) -> Result<(), LinkError> {
         let ask = |key: String| {
             // Not our own: nobody answers for us yet.
-            let question = question(&self.session, &key, REJOIN).allowed_destination(Locality::Remote);
+            let question = question(session, &key, REJOIN).allowed_destination(Locality::Remote);
             question.wait().map_err(LinkError::session(&*key))
         };
         // All questions at once: whoever is up answers within a tick, and the wait is one time-out at worst.

@@ -63,7 +63,7 @@ pub(super) struct LapTimer {
     pub(super) repeat_after: Duration,
 }
 
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct Witness {
     pub(super) name: String,
     pub(super) source: String,
@@ -114,6 +114,8 @@ pub(super) struct Counters {
     pub(super) step_us: Recent,
     /// Owner of time: from sending a tick's output to what comes back round the ring.
     pub(super) loop_us: Recent,
+    /// Telemetry that could not be written as JSON.
+    pub(super) unwritten: u64,
     /// What the mailbox had no room for.
     pub(super) overflow: Overflow,
     /// When a refusal was last reported, and how many there were.
@@ -123,7 +125,7 @@ pub(super) struct Counters {
 }
 
 /// Who steers: the lease, and what its holder streams.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct Operator {
     /// In the host that grants the lease.
     pub(super) authority: Option<Authority>,

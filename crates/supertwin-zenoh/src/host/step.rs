@@ -129,21 +129,19 @@ impl<B: Wired + 'static> Host<B> {
 
     pub(super) fn send_output(&mut self, repeat: bool) {
         let Some((k, out, digest)) = &self.output else { return };
-        let mut buffer = core::mem::take(&mut self.buffer);
-        buffer.clear();
         let mut envelope = self.header(*k, self.sent.outputs).with(out);
         envelope.digest = Some(Cow::Owned(format!("{digest:016x}")));
         envelope.repeat = repeat;
-        let encoded = encode(&envelope, &mut buffer);
+        let mut payload = Vec::with_capacity(4096);
+        let encoded = encode(&envelope, &mut payload);
         let copies = self.fault.as_mut().map_or(1, Fault::copies);
         if encoded.is_ok() {
-            let payload = ZBytes::from(buffer.as_slice());
+            let payload = ZBytes::from(payload);
             for _ in 0..copies {
                 // What does not get through is a gap to its receivers, and repeated in lock step.
                 let _ = self.publisher.put(payload.clone()).wait();
             }
         }
-        self.buffer = buffer;
         self.lap.sent_at = self.clock.now();
     }
 
@@ -169,13 +167,11 @@ impl<B: Wired + 'static> Host<B> {
         envelope.digest = Some(Cow::Owned(format!("{digest:016x}")));
         let mut payload = Vec::with_capacity(4096);
         if encode(&envelope, &mut payload).is_err() {
-            self.thrown += 1;
+            self.counters.unwritten += 1;
             return;
         }
-        if !self.asides.is_empty() {
-            let mut writer = AsideWriter { envelope: self.header(k, self.sent.telemetry), outbox: &self.outbox, at: 0 };
-            self.block.asides(&mut writer);
-        }
+        let mut writer = AsideWriter { envelope: self.header(k, self.sent.telemetry), outbox: &self.outbox, at: 0 };
+        self.block.asides(&mut writer);
         let copies = self.fault.as_mut().map_or(1, Fault::copies);
         for _ in 0..copies {
             self.outbox.telemetry(0, payload.clone());
