@@ -187,7 +187,7 @@ impl<C: Serialize + DeserializeOwned + Clone> CommandQueue<C> {
         time: RequestTime,
         attempt: impl FnOnce(&C) -> Result<(), Refusal>,
     ) -> Result<(u64, bool), String> {
-        let command = build(name, request.value.clone())?;
+        let command = build(name, &request.value)?;
         attempt(&command).map_err(|refusal| refusal.0)?;
         let soon = if emergency { time.next } else { time.next + time.lead };
         let farthest = time.next.saturating_add((MAX_AHEAD_S / time.tick_s) as u64);
@@ -230,7 +230,7 @@ impl<C: Serialize + DeserializeOwned + Clone> CommandQueue<C> {
     /// # Errors
     /// When there is no such command.
     pub fn stream(&mut self, name: &str, value: f64, client: &str, next: u64) -> Result<(), String> {
-        let command = build(name, value.into())?;
+        let command = build(name, &value.into())?;
         let by = Some(CommandSource { client: client.to_owned(), seq: None });
         let waiting = self.waiting.entry(next).or_default();
         waiting.retain(|other| other.name != name || other.by != by);
@@ -267,7 +267,7 @@ fn read(payload: &[u8]) -> Result<Request, String> {
 }
 
 /// `{name: value}` as the service's command; commands without a value are their name.
-fn build<C: DeserializeOwned>(name: &str, value: Value) -> Result<C, String> {
+fn build<C: DeserializeOwned>(name: &str, value: &Value) -> Result<C, String> {
     let whole = if value.is_null() { json!(name) } else { json!({ name: value }) };
     serde_json::from_value(whole).map_err(|error| format!("{name}: {error}"))
 }

@@ -212,7 +212,7 @@ fn only_what_is_asked_for_is_read() {
     fs::write(&path, &bytes[..bytes.len() - 1]).unwrap();
     let cut = read_selected(&path, &wanted).unwrap();
     assert!(!cut.complete);
-    assert_eq!((cut.signals, cut.events), (some.signals, some.events));
+    assert_eq!((&cut.signals, &cut.events), (&some.signals, &some.events));
 }
 
 /// What a recorder on the network writes besides signals.

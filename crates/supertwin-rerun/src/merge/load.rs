@@ -88,7 +88,7 @@ pub(super) fn load(run: &MergedRun, every: i64) -> Result<Loaded, ReadError> {
     let (mut recording, drawings) = read::read_and_keep(&files(run)?, &is_compared, &kept)?;
     let shift = Shift::new(run.offset_ns, &recording);
     recording.run.signals.retain(|_, columns| !columns.tick.is_empty());
-    recording.signals.values_mut().for_each(|columns| shift.apply(columns));
+    recording.run.signals.values_mut().for_each(|columns| shift.apply(columns));
     let rms = [MEASURED, TRUE].map(|which| {
         QUANTITIES.each_ref().map(|quantity| {
             let columns = recording.signals.get(quantity.signal.path)?;
@@ -96,7 +96,7 @@ pub(super) fn load(run: &MergedRun, every: i64) -> Result<Loaded, ReadError> {
             Some(error.rms(RMS_EVERY.max(every))).filter(|rms| !rms.tick.is_empty())
         })
     });
-    let mut loaded = Loaded { signals: recording.signals, rms, drawings, shift, damage: recording.damage };
+    let mut loaded = Loaded { signals: recording.run.signals, rms, drawings, shift, damage: recording.damage };
     loaded.thin(every);
     Ok(loaded)
 }
