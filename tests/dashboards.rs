@@ -18,7 +18,7 @@ use supertwin_core::signal::link::{self, Account};
 use supertwin_core::signal::{
     controller, estimator, guidance, measurements, nav, plant, reference, thrust, truth, wrench_request,
 };
-use supertwin_core::{Capability, Observe, Probe, RecordedRun, RunHeader, RunSink, Signal, Tick};
+use supertwin_core::{Capability, Observe, Probe, RunHeader, RunSink, Signal, Tick};
 use supertwin_lab::{LAWS, Library, trial};
 use supertwin_rerun::blueprint::{self, About, DASHBOARDS, Dashboard, View};
 use supertwin_rerun::{Options, Recording, RerunSink, read, signals, style};
