@@ -116,7 +116,7 @@ fn a_comparison_shows_who_is_better_where() {
     let laws = ["paper-gsta", "paper-agsta", "paper-pid"];
     let one = |law| (law, vec![recordings()[law].0.as_path()]);
     let (path, merged) = compare("compare-one", &laws.map(one));
-    assert_eq!((merged.runs, merged.every_ticks, merged.compared.several()), (3, 1, false));
+    assert_eq!((merged.runs, merged.every_ticks, merged.compared.several), (3, 1, false));
     let mut wrong = look("compare-one", &path, &merged);
 
     // Several seeds of each, half a minute long.
@@ -133,7 +133,7 @@ fn a_comparison_shows_who_is_better_where() {
     let many: Vec<_> =
         laws.iter().zip(&seeds).map(|(law, paths)| (*law, paths.iter().map(PathBuf::as_path).collect())).collect();
     let (path, merged) = compare("compare-many", &many);
-    assert_eq!((merged.runs, merged.compared.several()), (12, true));
+    assert_eq!((merged.runs, merged.compared.several), (12, true));
     wrong.extend(look("compare-many", &path, &merged));
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }

@@ -55,6 +55,11 @@ impl From<Event> for EventWithText {
 }
 
 impl Event {
+    /// What `service` tells of a tick.
+    pub fn new(tick: u64, service: impl Into<Cow<'static, str>>, severity: Severity, what: EventKind) -> Self {
+        Self { tick, service: service.into(), severity, what }
+    }
+
     /// The sentence for people.
     #[must_use]
     pub fn text(&self) -> String {

@@ -88,3 +88,75 @@ impl Probe for Snapshot {
         self.labels.push((signal, value));
     }
 }
+
+/// Signals in the order in which they are shown.
+///
+/// Signals are told apart by address, and each is looked for where the last one was found: in the steady state the
+/// first comparison hits, without any hashing of names.
+#[derive(Clone, Debug)]
+pub struct Slots<T> {
+    /// What is kept of each signal.
+    pub slots: Vec<(&'static Signal, T)>,
+    /// Where the next signal is looked for; 0 where showing begins anew.
+    pub cursor: usize,
+}
+
+impl<T> Default for Slots<T> {
+    fn default() -> Self {
+        Self { slots: Vec::new(), cursor: 0 }
+    }
+}
+
+impl<T> Slots<T> {
+    /// Where `signal` stands.
+    #[inline]
+    pub fn find(&mut self, signal: &'static Signal) -> Option<usize> {
+        let is_it = |slot: &(&'static Signal, T)| std::ptr::eq(slot.0, signal);
+        let (before, after) = self.slots.split_at(self.cursor);
+        let at = match after.iter().position(is_it) {
+            Some(ahead) => self.cursor + ahead,
+            None => before.iter().position(is_it)?,
+        };
+        self.cursor = at + 1;
+        Some(at)
+    }
+
+    /// Puts a signal where it was looked for; gives where.
+    pub fn insert(&mut self, signal: &'static Signal, value: T) -> usize {
+        let at = self.cursor;
+        self.slots.insert(at, (signal, value));
+        self.cursor = at + 1;
+        at
+    }
+
+    /// What is kept of `signal`, at first `new`.
+    pub fn get_or_insert_with(&mut self, signal: &'static Signal, new: impl FnOnce() -> T) -> &mut T {
+        let at = self.find(signal).unwrap_or_else(|| self.insert(signal, new()));
+        &mut self.slots[at].1
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    static A: Signal = Signal { path: "test/a", components: &["x", "y"], units: &["m"], about: "" };
+    static B: Signal = Signal { path: "test/b", components: &[], units: &["m"], about: "" };
+    static C: Signal = Signal { path: "test/c", components: &[], units: &["m"], about: "" };
+
+    #[test]
+    fn signals_are_found_in_any_order_and_new_ones_get_their_place() {
+        let mut slots = Slots::default();
+        assert_eq!(slots.find(&A), None);
+        slots.insert(&A, 'a');
+        slots.insert(&C, 'c');
+        slots.cursor = 0;
+        assert_eq!(slots.find(&A), Some(0));
+        assert_eq!(slots.find(&B), None);
+        slots.insert(&B, 'b');
+        assert_eq!(slots.slots.iter().map(|slot| slot.1).collect::<String>(), "abc");
+        assert_eq!(slots.find(&C), Some(2));
+        assert_eq!(slots.find(&B), Some(1));
+        assert_eq!(slots.find(&B), Some(1));
+    }
+}

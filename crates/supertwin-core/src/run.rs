@@ -1,6 +1,6 @@
 //! Where a run is written to: the trait between whoever produces a run and whoever keeps it.
 
-use crate::{Event, Probe, Tick};
+use crate::{Event, Probe, Signal, Tick};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -82,25 +82,20 @@ pub struct ThrusterPlace {
 }
 
 /// Limits as configured when the run began; commands that change them later do not change the lines.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Limits {
     /// Inside this band of the sliding variable an adaptive law lets its gains fall.
     pub alpha_tol: Option<[f64; 4]>,
-    /// Gates on the normalised innovation squared, where a sensor has one.
-    pub nis_gate: NisGates,
+    /// Gates on the normalised innovation squared by the signal of the innovation; a sensor without one takes everything.
+    pub nis_gates: Vec<(&'static Signal, f64)>,
 }
 
-/// Gates of the estimator's sensors; without one, everything is taken.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct NisGates {
-    /// Each component of the DVL's velocity.
-    pub dvl: Option<f64>,
-    /// The depth, from the pressure sensor.
-    pub depth: Option<f64>,
-    /// The heading, from the compass.
-    pub heading: Option<f64>,
-    /// The yaw rate, from the gyro.
-    pub yaw_rate: Option<f64>,
+impl Limits {
+    /// Gate of the sensor that has this innovation.
+    #[must_use]
+    pub fn nis_gate(&self, innovation: &Signal) -> Option<f64> {
+        self.nis_gates.iter().find(|(of, _)| of.path == innovation.path).map(|(_, gate)| *gate)
+    }
 }
 
 /// A run could not be written.
@@ -165,8 +160,8 @@ impl<A: RunSink, B: RunSink> RunSink for crate::observe::Both<'_, A, B> {
 pub struct NoSink;
 
 impl Probe for NoSink {
-    fn vector(&mut self, _: &'static crate::Signal, _: &[f64]) {}
-    fn label(&mut self, _: &'static crate::Signal, _: &'static str) {}
+    fn vector(&mut self, _: &'static Signal, _: &[f64]) {}
+    fn label(&mut self, _: &'static Signal, _: &'static str) {}
 }
 impl RunSink for NoSink {
     fn begin(&mut self, _: &RunHeader) -> Result<(), SinkError> {

@@ -1,6 +1,6 @@
 //! A run as it is read: between whoever reads a recording and whoever scores, compares or repeats it.
 
-use crate::run::Properties;
+use crate::run::{Properties, Property};
 use crate::{Event, Signal};
 use std::collections::BTreeMap;
 
@@ -22,10 +22,11 @@ pub struct Columns {
 }
 
 impl Columns {
-    /// Values of the row at `tick`.
+    /// Values at `tick`; of several rows the first.
     #[must_use]
     pub fn at(&self, tick: i64) -> Option<&[f64]> {
-        self.tick.binary_search(&tick).ok().and_then(|row| self.row(row))
+        let row = self.tick.partition_point(|at| *at < tick);
+        self.row(row).filter(|_| self.tick.get(row) == Some(&tick))
     }
 
     /// Values of row number `row`.
@@ -89,27 +90,39 @@ pub struct RecordedRun {
     pub events: Vec<Event>,
     /// Commands that applied, as JSON, by service and in order of time; only a run over a network records them.
     pub commands: BTreeMap<String, Vec<Label>>,
-    /// The exact messages of wires by key, in order of time; only a run over a network records them.
-    pub wires: BTreeMap<String, Vec<WireMessage>>,
     /// Words by path, in order of time: the account of each step at `step/<service>`, states at
     /// `state/<service>/<name>`; only a run over a network records them.
     pub words: BTreeMap<String, Vec<Label>>,
+    /// The exact messages of wires by key, in order of time; only a run over a network records them.
+    pub wires: BTreeMap<String, Vec<WireMessage>>,
 }
 
 impl RecordedRun {
+    /// Property `name` of `group`.
+    #[must_use]
+    pub fn property(&self, group: &str, name: &str) -> Option<&Property> {
+        self.properties.get(group)?.get(name)
+    }
+
     /// Numbers of `signal`, if it was recorded.
     #[must_use]
     pub fn signal(&self, signal: &Signal) -> Option<&Columns> {
         self.signals.get(signal.path)
     }
 
-    /// Changes of the label `signal`; empty when it was not recorded.
+    /// Changes of the label `signal`, in order of time; empty when it was not recorded.
     #[must_use]
     pub fn label(&self, signal: &Signal) -> &[Label] {
         self.labels.get(signal.path).map_or(&[], Vec::as_slice)
     }
 
-    /// Words at a path; empty when there are none.
+    /// Commands that applied at `service`, in order of time.
+    #[must_use]
+    pub fn commands_of(&self, service: &str) -> &[Label] {
+        self.commands.get(service).map_or(&[], Vec::as_slice)
+    }
+
+    /// Words at a path, in order of time.
     #[must_use]
     pub fn words(&self, path: &str) -> &[Label] {
         self.words.get(path).map_or(&[], Vec::as_slice)

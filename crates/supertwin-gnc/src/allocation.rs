@@ -22,10 +22,9 @@ const BEYOND_ANY_THRUSTER: f64 = 1e6;
 /// `f = B⁺ tau`, each group scaled by one factor to its limits, forces inside the dead band dropped.
 #[derive(Clone, Debug)]
 pub struct Allocation {
-    thrusters: Thrusters,
+    pub(crate) thrusters: Thrusters,
     dead_band_n: f64,
-    tolerance_n: f64,
-    tolerance_share: f64,
+    tolerance: AllocationConfig,
 }
 
 /// What allocation made of a wrench.
@@ -43,18 +42,7 @@ impl Allocation {
     /// From the vehicle's thrusters and the dead band below which they do not turn.
     #[must_use]
     pub fn new(thrusters: Thrusters, dead_band_n: f64, config: &AllocationConfig) -> Self {
-        Self {
-            thrusters,
-            dead_band_n,
-            tolerance_n: config.tolerance_n.get(),
-            tolerance_share: config.tolerance_share.get(),
-        }
-    }
-
-    /// How many thrusters there are.
-    #[must_use]
-    pub fn count(&self) -> usize {
-        self.thrusters.count()
+        Self { thrusters, dead_band_n, tolerance: *config }
     }
 
     /// Allocates `tau`, in body axes. Scaling by groups keeps the direction of the horizontal part
@@ -82,9 +70,8 @@ impl Allocation {
             }
         }
         let wrench = self.thrusters.wrench(&force_n);
-        let limited = core::array::from_fn(|i| {
-            (wrench[i] - tau[i]).abs() > self.tolerance_n + self.tolerance_share * tau[i].abs()
-        });
+        let (least_n, share) = (self.tolerance.tolerance_n.get(), self.tolerance.tolerance_share.get());
+        let limited = core::array::from_fn(|i| (wrench[i] - tau[i]).abs() > least_n + share * tau[i].abs());
         Allocated { force_n, wrench, limited }
     }
 }

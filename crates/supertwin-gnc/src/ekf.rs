@@ -91,9 +91,12 @@ pub struct Ekf {
     q: State,
     p0: State,
     disturbance_rate: f64,
-    x: State,
-    P: Covariance,
-    acceleration: Vector4<f64>,
+    /// The state.
+    pub x: State,
+    /// Its covariance.
+    pub P: Covariance,
+    /// `nu'` of the model at the last prediction.
+    pub acceleration: Vector4<f64>,
 }
 
 impl Ekf {
@@ -124,29 +127,6 @@ impl Ekf {
         self.x = State::zeros();
         self.P = Covariance::from_diagonal(&self.p0);
         self.acceleration = Vector4::zeros();
-    }
-
-    /// Sets one state without touching its variance: the first depth and heading.
-    pub fn set(&mut self, state: usize, value: f64) {
-        self.x[state] = value;
-    }
-
-    /// The state.
-    #[must_use]
-    pub fn x(&self) -> &State {
-        &self.x
-    }
-
-    /// Its covariance.
-    #[must_use]
-    pub fn P(&self) -> &Covariance {
-        &self.P
-    }
-
-    /// `nu'` of the model at the last prediction.
-    #[must_use]
-    pub fn acceleration(&self) -> &Vector4<f64> {
-        &self.acceleration
     }
 
     /// `nu` of the state.

@@ -52,15 +52,6 @@ pub struct SensorTrust {
     pub gate: Option<Positive>,
 }
 
-impl SensorTrust {
-    fn variance(&self) -> f64 {
-        self.std.get() * self.std.get()
-    }
-    fn gate(&self) -> Option<f64> {
-        self.gate.map(Positive::get)
-    }
-}
-
 /// How old inputs may get, in seconds, before the estimator says so.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -119,7 +110,6 @@ pub struct Estimator {
     config: EstimatorConfig,
     ekf: Ekf,
     net_plane: NetPlane,
-    trust: MeasurementConfig,
     limits: LimitsInTicks,
     seen: LastSeen,
     innovations: Innovations,
@@ -151,7 +141,6 @@ impl Estimator {
             config: config.clone(),
             ekf: Ekf::new(&config.ekf, model),
             net_plane: NetPlane::new(&config.net_plane, beam_angle_rad),
-            trust: config.measurement,
             limits: LimitsInTicks {
                 thrust: ticks(limits.thrust_s),
                 dvl: ticks(limits.dvl_s),
@@ -173,70 +162,56 @@ impl Estimator {
         self.counters.restarts += 1;
     }
 
-    fn count(&mut self, innovation: Innovation) -> Innovation {
-        if innovation.accepted {
-            self.counters.accepted += 1;
-        } else {
-            self.counters.gated += 1;
+    /// One scalar measurement of one state; the `first` sets it.
+    fn update(&mut self, state: usize, measured: f64, trust: &SensorTrust, first: bool) -> Innovation {
+        if first && measured.is_finite() {
+            self.ekf.x[state] = measured;
         }
+        let variance = trust.std.get() * trust.std.get();
+        let innovation = self.ekf.update(state, measured, variance, trust.gate.map(Positive::get));
+        self.counters.accepted += u32::from(innovation.accepted);
+        self.counters.gated += u32::from(!innovation.accepted);
         innovation
     }
 
     fn take(&mut self, tick: Tick, measurements: &Measurements) {
-        let trust = self.trust;
+        let trust = self.config.measurement;
         if let Some(sample) = &measurements.depth {
-            if self.seen.depth.is_none() && sample.depth_m.is_finite() {
-                self.ekf.set(Z, sample.depth_m);
-            }
-            let innovation = self.ekf.update(Z, sample.depth_m, trust.depth.variance(), trust.depth.gate());
-            self.innovations.depth = Some(self.count(innovation));
-            if innovation.accepted {
-                self.seen.depth = Some(tick.k);
-            }
+            let innovation = self.update(Z, sample.depth_m, &trust.depth, self.seen.depth.is_none());
+            self.seen.depth = innovation.accepted.then_some(tick.k).or(self.seen.depth);
+            self.innovations.depth = Some(innovation);
         }
         if let Some(sample) = &measurements.compass {
-            if self.seen.heading.is_none() && sample.heading_rad.is_finite() {
-                self.ekf.set(PSI, sample.heading_rad);
-            }
-            let innovation = self.ekf.update(PSI, sample.heading_rad, trust.compass.variance(), trust.compass.gate());
-            self.innovations.compass = Some(self.count(innovation));
-            if innovation.accepted {
-                self.seen.heading = Some(tick.k);
-            }
+            let innovation = self.update(PSI, sample.heading_rad, &trust.compass, self.seen.heading.is_none());
+            self.seen.heading = innovation.accepted.then_some(tick.k).or(self.seen.heading);
+            self.innovations.compass = Some(innovation);
         }
         if let Some(sample) = &measurements.gyro {
-            let innovation =
-                self.ekf.update(NU + 3, sample.yaw_rate_rad_per_s, trust.gyro.variance(), trust.gyro.gate());
-            self.innovations.gyro = Some(self.count(innovation));
+            self.innovations.gyro = Some(self.update(NU + 3, sample.yaw_rate_rad_per_s, &trust.gyro, false));
         }
         if let Some(ping) = &measurements.dvl {
-            self.take_ping(tick, ping);
+            self.take_ping(tick, ping, &trust.dvl);
         }
     }
 
-    fn take_ping(&mut self, tick: Tick, ping: &DvlPing) {
-        let trust = self.trust.dvl;
+    fn take_ping(&mut self, tick: Tick, ping: &DvlPing, trust: &SensorTrust) {
         if let Some(velocity) = ping.velocity_m_per_s {
-            let innovations =
-                core::array::from_fn(|i| self.ekf.update(NU + i, velocity[i], trust.variance(), trust.gate()));
-            for innovation in innovations {
-                self.count(innovation);
-            }
+            let innovations = core::array::from_fn(|i| self.update(NU + i, velocity[i], trust, false));
             if innovations.iter().any(|innovation| innovation.accepted) {
                 self.seen.velocity = Some(tick.k);
             }
             self.innovations.dvl = Some(innovations);
         }
         self.innovations.ping = true;
-        if self.net_plane.update(ping, self.ekf.x()[PSI]) {
+        if self.net_plane.update(ping, self.ekf.x[PSI]) {
             self.seen.net = Some(tick.k);
         }
     }
 
     fn nav(&self, tick: Tick, thrust_unknown: bool, restarted: bool) -> Nav {
         let lost = |seen: Option<u64>, limit: u64| seen.is_none_or(|seen| tick.k - seen > limit);
-        let x = self.ekf.x();
-        let diagonal = self.ekf.P().diagonal();
+        let x = &self.ekf.x;
+        let diagonal = self.ekf.P.diagonal();
         let quad = |from: usize| core::array::from_fn(|i| diagonal[from + i]);
         let mut net = self.net_plane.estimate(x[PSI]).unwrap_or_default();
         net.valid &= !lost(self.seen.net, self.limits.net);
@@ -244,7 +219,7 @@ impl Estimator {
             depth_m: x[Z],
             heading_rad: x[PSI],
             velocity: self.ekf.nu().into(),
-            acceleration: (*self.ekf.acceleration()).into(),
+            acceleration: self.ekf.acceleration.into(),
             disturbance: x.fixed_rows::<4>(B).into_owned().into(),
             variance: NavVariance {
                 depth_m2: diagonal[Z],
@@ -302,7 +277,6 @@ impl Block for Estimator {
                     return Err(Refusal("description: is no parameter".to_owned()));
                 }
                 let config: EstimatorConfig = parameter::changed(&self.config, change)?;
-                self.trust = config.measurement;
                 self.ekf.retune(&config.ekf);
                 self.net_plane.retune(&config.net_plane);
                 self.config = config;
@@ -343,14 +317,14 @@ impl Observe for Estimator {
             let [a, b, c] = dvl.each_ref().map(show);
             probe.vector(&signal::estimator::INNOVATION_DVL, &[a[0], b[0], c[0], a[1], b[1], c[1], a[2], b[2], c[2]]);
         }
-        if let Some(innovation) = &self.innovations.depth {
-            probe.vector(&signal::estimator::INNOVATION_DEPTH, &show(innovation));
-        }
-        if let Some(innovation) = &self.innovations.compass {
-            probe.vector(&signal::estimator::INNOVATION_HEADING, &show(innovation));
-        }
-        if let Some(innovation) = &self.innovations.gyro {
-            probe.vector(&signal::estimator::INNOVATION_YAW_RATE, &show(innovation));
+        for (signal, innovation) in [
+            (&signal::estimator::INNOVATION_DEPTH, &self.innovations.depth),
+            (&signal::estimator::INNOVATION_HEADING, &self.innovations.compass),
+            (&signal::estimator::INNOVATION_YAW_RATE, &self.innovations.gyro),
+        ] {
+            if let Some(innovation) = innovation {
+                probe.vector(signal, &show(innovation));
+            }
         }
         if self.innovations.ping {
             self.net_plane.report().observe(probe);

@@ -136,7 +136,6 @@ impl Reason {
 pub struct Guidance {
     config: GuidanceConfig,
     line_of_sight: LineOfSight,
-    limits: SetpointLimits,
     nav_limit_ticks: u64,
     commanded: Mode,
     direction: Direction,
@@ -156,7 +155,8 @@ pub struct Guidance {
     heading: ReferenceModel,
     started: bool,
     mode: Mode,
-    reason: Reason,
+    /// Why guidance is in its mode.
+    pub reason: Reason,
     desired: DesiredVelocity,
     target: [f64; 2],
 }
@@ -168,7 +168,6 @@ impl Guidance {
         Self {
             config: config.clone(),
             line_of_sight: LineOfSight { lookahead_m: config.lookahead_m.get(), port_sign: config.port_sign },
-            limits: config.limits,
             nav_limit_ticks: Tick::at_or_after(nav_limit_s, dt_s),
             commanded: Mode::Neutral,
             direction: config.initial.direction,
@@ -190,12 +189,6 @@ impl Guidance {
             desired: DesiredVelocity::default(),
             target: [0.0; 2],
         }
-    }
-
-    /// Why guidance is in its mode.
-    #[must_use]
-    pub fn reason(&self) -> Reason {
-        self.reason
     }
 
     /// What to do now, and why.
@@ -262,7 +255,6 @@ impl Guidance {
     /// Other parameters from now on; references go on from where they are.
     fn retune(&mut self, config: GuidanceConfig) {
         self.line_of_sight = LineOfSight { lookahead_m: config.lookahead_m.get(), port_sign: config.port_sign };
-        self.limits = config.limits;
         self.surge.retune(&config.reference.velocity);
         self.sway.retune(&config.reference.velocity);
         self.depth.retune(&config.reference.depth);
@@ -347,12 +339,10 @@ impl Block for Guidance {
             GuidanceCommand::Mode(mode) => self.commanded = mode,
             GuidanceCommand::Direction(direction) => self.direction = direction,
             GuidanceCommand::DepthM(setpoint) => {
-                let (low, high) = (self.limits.depth_m.low(), self.limits.depth_m.high());
+                let (low, high) = (self.config.limits.depth_m.low(), self.config.limits.depth_m.high());
                 setpoint.check("depth_m", low, high)?;
                 if self.started {
-                    let mut depth = self.depth_m.unwrap_or(Trajectory::constant(self.depth.value));
-                    depth.follow(setpoint, tick);
-                    self.depth_m = Some(depth);
+                    self.depth_m.get_or_insert(Trajectory::constant(self.depth.value)).follow(setpoint, tick);
                 } else {
                     self.pending_depth = Some(setpoint);
                 }
@@ -361,20 +351,18 @@ impl Block for Guidance {
                 let turn = core::f64::consts::TAU;
                 setpoint.check("heading_rad", -turn, turn)?;
                 if self.started {
-                    let mut heading = self.heading_rad.unwrap_or(Trajectory::constant(self.heading.value));
-                    heading.follow(setpoint, tick);
-                    self.heading_rad = Some(heading);
+                    self.heading_rad.get_or_insert(Trajectory::constant(self.heading.value)).follow(setpoint, tick);
                 } else {
                     self.pending_heading = Some(setpoint);
                 }
             }
             GuidanceCommand::NetDistanceM(setpoint) => {
-                let (low, high) = (self.limits.net_distance_m.low(), self.limits.net_distance_m.high());
+                let (low, high) = (self.config.limits.net_distance_m.low(), self.config.limits.net_distance_m.high());
                 setpoint.check("net_distance_m", low, high)?;
                 self.net_distance_m.follow(setpoint, tick);
             }
             GuidanceCommand::SpeedMPerS(setpoint) => {
-                let high = self.limits.speed_m_per_s.get();
+                let high = self.config.limits.speed_m_per_s.get();
                 setpoint.check("speed_m_per_s", 0.0, high)?;
                 self.speed_m_per_s.follow(setpoint, tick);
             }

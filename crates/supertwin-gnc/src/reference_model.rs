@@ -26,9 +26,7 @@ pub struct ReferenceModelConfig {
 /// The acceleration that it supplies is the realised one, so that integrating it gives the rate that it supplies.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReferenceModel {
-    omega: f64,
-    max_rate: f64,
-    max_acceleration: f64,
+    config: ReferenceModelConfig,
     /// `x`.
     pub value: f64,
     /// `x'`.
@@ -41,19 +39,12 @@ impl ReferenceModel {
     /// At rest at zero.
     #[must_use]
     pub fn new(config: &ReferenceModelConfig) -> Self {
-        Self {
-            omega: config.natural_frequency_rad_per_s.get(),
-            max_rate: config.max_rate.get(),
-            max_acceleration: config.max_acceleration.get(),
-            value: 0.0,
-            rate: 0.0,
-            acceleration: 0.0,
-        }
+        Self { config: *config, value: 0.0, rate: 0.0, acceleration: 0.0 }
     }
 
     /// Other parameters from now on; value and rate stay.
     pub fn retune(&mut self, config: &ReferenceModelConfig) {
-        *self = Self { value: self.value, rate: self.rate, acceleration: self.acceleration, ..Self::new(config) };
+        self.config = *config;
     }
 
     /// At rest at `value`.
@@ -73,9 +64,11 @@ impl ReferenceModel {
     }
 
     fn toward(&mut self, error: f64, h_s: f64) {
-        let wanted = self.omega * self.omega * error - 2.0 * self.omega * self.rate;
-        let acceleration = wanted.clamp(-self.max_acceleration, self.max_acceleration);
-        let rate = (self.rate + h_s * acceleration).clamp(-self.max_rate, self.max_rate);
+        let omega = self.config.natural_frequency_rad_per_s.get();
+        let (max_rate, max_acceleration) = (self.config.max_rate.get(), self.config.max_acceleration.get());
+        let wanted = omega * omega * error - 2.0 * omega * self.rate;
+        let acceleration = wanted.clamp(-max_acceleration, max_acceleration);
+        let rate = (self.rate + h_s * acceleration).clamp(-max_rate, max_rate);
         self.acceleration = (rate - self.rate) / h_s;
         self.rate = rate;
         self.value += h_s * rate;

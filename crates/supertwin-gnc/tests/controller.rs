@@ -183,7 +183,7 @@ fn a_new_controller_starts_from_the_last_allocated_wrench_however_old() {
             let first = inputs.step(&mut controller, 1000);
             let jump = (first.requested.vector() - applied.allocated.vector()).amax();
             assert!(jump < 1e-9, "{name}: {jump}");
-            assert_eq!(controller.status(), Status::Tracking);
+            assert_eq!(controller.status, Status::Tracking);
         }
     }
 }
@@ -253,13 +253,13 @@ fn emergency_neutral_holds_until_it_is_taken_back() {
     controller.command(tick(50), &ControllerCommand::Neutral(true)).expect("always");
     for k in 50..100 {
         applied = Inputs::fresh(&nav, &reference, &applied).step(&mut controller, k);
-        assert_eq!((forces(&applied), controller.status()), (0.0, Status::EmergencyNeutral));
+        assert_eq!((forces(&applied), controller.status), (0.0, Status::EmergencyNeutral));
         // No other command lifts it.
         controller.command(tick(k), &ControllerCommand::Law("gsta-tuned".to_owned())).expect("known");
     }
     controller.command(tick(100), &ControllerCommand::Neutral(false)).expect("always");
     applied = Inputs::fresh(&nav, &reference, &applied).step(&mut controller, 100);
-    assert_eq!(controller.status(), Status::Tracking);
+    assert_eq!(controller.status, Status::Tracking);
     assert!(applied.requested.vector().amax() < 1e-9, "from zero, without a kick: {:?}", applied.requested);
 }
 
@@ -289,12 +289,12 @@ fn what_is_no_number_in_navigation_never_leaves_the_controller() {
                 for k in 20..23 {
                     applied = Inputs::fresh(&bad, &reference, &applied).step(&mut controller, k);
                     assert!(applied.is_finite(), "{name}: {applied:?}");
-                    assert_eq!((forces(&applied), controller.status()), (0.0, Status::NotFinite), "{name}, {value}");
+                    assert_eq!((forces(&applied), controller.status), (0.0, Status::NotFinite), "{name}, {value}");
                 }
                 assert_eq!(Snapshot::of(&controller).get(&signal::controller::NON_FINITE), Some(&[3.0][..]));
                 // It recovers with the numbers, from the zero wrench.
                 applied = Inputs::fresh(&good, &reference, &applied).step(&mut controller, 23);
-                assert_eq!(controller.status(), Status::Tracking, "{name}");
+                assert_eq!(controller.status, Status::Tracking, "{name}");
                 assert!(applied.is_finite() && applied.requested.vector().amax() < 1e-9, "{name}: {applied:?}");
                 assert!(Snapshot::of(&controller).is_finite(), "{name} shows numbers only");
             }
@@ -321,7 +321,7 @@ fn an_allocated_wrench_that_is_no_number_is_not_taken_over() {
     assert!(first.is_finite() && forces(&first) == 0.0, "{first:?}");
     let second = Inputs::fresh(&nav, &reference, &first).step(&mut controller, 1);
     assert!(second.is_finite());
-    assert_eq!(controller.status(), Status::Tracking);
+    assert_eq!(controller.status, Status::Tracking);
 }
 
 #[test]

@@ -49,7 +49,7 @@ fn random_state(draw: &mut Stream) -> State {
 
 fn set(ekf: &mut Ekf, x: &State) {
     for i in 0..STATES {
-        ekf.set(i, x[i]);
+        ekf.x[i] = x[i];
     }
 }
 
@@ -83,22 +83,22 @@ fn the_sparse_product_is_the_dense_one() {
     let mut ekf = ekf();
     for _ in 0..300 {
         set(&mut ekf, &random_state(&mut draw));
-        let (dense, before) = (ekf.dense_jacobian(H_S), *ekf.P());
+        let (dense, before) = (ekf.dense_jacobian(H_S), ekf.P);
         ekf.predict(&(draw.normals::<4>() * 50.0), H_S);
         let expected = dense * before * dense.transpose() + Covariance::from_diagonal(&(q * H_S));
         // Entry by entry, relative to the standard deviations of its row and column.
         let std = expected.diagonal().map(f64::sqrt);
         for i in 0..STATES {
             for j in 0..STATES {
-                let difference = (ekf.P()[(i, j)] - expected[(i, j)]).abs();
+                let difference = (ekf.P[(i, j)] - expected[(i, j)]).abs();
                 assert!(difference < 1e-13 * std[i] * std[j], "({i}, {j}): {difference}");
             }
         }
         // Fill the matrix: some scalar updates now and then.
         let state = draw.uniform(0.0, 6.0) as usize;
-        ekf.update(state, ekf.x()[state] + 0.01 * draw.normal(), 1e-3, None);
+        ekf.update(state, ekf.x[state] + 0.01 * draw.normal(), 1e-3, None);
     }
-    assert!(ekf.P()[(NU, B)].abs() > 1e-6, "the matrix was full");
+    assert!(ekf.P[(NU, B)].abs() > 1e-6, "the matrix was full");
 }
 
 #[test]
@@ -115,12 +115,12 @@ fn the_prediction_is_one_euler_step_with_the_heading_wrapped() {
         let expected = x + ekf.derivative(&x, &tau) * H_S;
         ekf.predict(&tau, H_S);
         for i in (0..STATES).filter(|i| *i != PSI) {
-            assert!((ekf.x()[i] - expected[i]).abs() < 1e-12);
+            assert!((ekf.x[i] - expected[i]).abs() < 1e-12);
         }
-        assert!(ssa(ekf.x()[PSI] - expected[PSI]).abs() < 1e-12 && (-PI..PI).contains(&ekf.x()[PSI]));
+        assert!(ssa(ekf.x[PSI] - expected[PSI]).abs() < 1e-12 && (-PI..PI).contains(&ekf.x[PSI]));
         wrapped += u32::from(expected[PSI] >= PI);
         let acceleration = ekf.derivative(&x, &tau).fixed_rows::<4>(NU).into_owned();
-        assert_eq!(*ekf.acceleration(), acceleration);
+        assert_eq!(ekf.acceleration, acceleration);
     }
     assert!(wrapped > 30);
 }
@@ -139,19 +139,19 @@ fn the_covariance_stays_symmetric_and_positive_over_a_long_run() {
             8.0 * (0.4 * t).sin(),
         );
         ekf.predict(&wave, H_S);
-        ekf.update(NU + 3, ekf.x()[NU + 3] + 0.007 * draw.normal(), 4.9e-5, None);
+        ekf.update(NU + 3, ekf.x[NU + 3] + 0.007 * draw.normal(), 4.9e-5, None);
         if k % 5 == 0 {
-            ekf.update(Z, ekf.x()[Z] + 0.02 * draw.normal(), 4e-4, None);
-            ekf.update(PSI, ekf.x()[PSI] + 0.026 * draw.normal(), 6.9e-4, None);
+            ekf.update(Z, ekf.x[Z] + 0.02 * draw.normal(), 4e-4, None);
+            ekf.update(PSI, ekf.x[PSI] + 0.026 * draw.normal(), 6.9e-4, None);
         }
         // The DVL is silent half of the time, and then tells the impossible.
         if k % 6 == 0 && (k / 3000) % 2 == 0 {
             for i in 0..3 {
-                ekf.update(NU + i, ekf.x()[NU + i] + 0.04 * draw.normal(), 1.4e-3, None);
+                ekf.update(NU + i, ekf.x[NU + i] + 0.04 * draw.normal(), 1.4e-3, None);
             }
         }
         if k % 500 == 0 {
-            let p = *ekf.P();
+            let p = ekf.P;
             let std = p.diagonal().map(f64::sqrt);
             let correlation = Covariance::from_fn(|i, j| p[(i, j)] / (std[i] * std[j]));
             assert!((correlation - correlation.transpose()).amax() < 1e-12, "symmetric at {k}");
@@ -209,9 +209,9 @@ fn consistency(noise_share: f64) -> Consistency {
                 }
             }
             if k.is_multiple_of(250) {
-                let mut e = x - ekf.x();
+                let mut e = x - ekf.x;
                 e[PSI] = ssa(e[PSI]);
-                let inverse = ekf.P().cholesky().expect("positive").inverse();
+                let inverse = ekf.P.cholesky().expect("positive").inverse();
                 result.nees[k as usize / 250 - 1] += e.dot(&(inverse * e)) / SEEDS as f64;
             }
         }
@@ -256,26 +256,26 @@ fn a_filter_that_trusts_its_sensors_too_much_is_found_out() {
 #[test]
 fn a_heading_across_the_seam_is_a_small_innovation() {
     let mut ekf = ekf();
-    ekf.set(PSI, PI - 0.01);
+    ekf.x[PSI] = PI - 0.01;
     let innovation = ekf.update(PSI, -PI + 0.01, 1e-3, Some(25.0));
     assert!(innovation.accepted && (innovation.value - 0.02).abs() < 1e-12, "{innovation:?}");
-    assert!((-PI..PI).contains(&ekf.x()[PSI]));
+    assert!((-PI..PI).contains(&ekf.x[PSI]));
 }
 
 #[test]
 fn what_does_not_pass_its_gate_changes_nothing() {
     let mut ekf = ekf();
     ekf.predict(&Vector4::zeros(), H_S);
-    let (x, p) = (*ekf.x(), *ekf.P());
+    let (x, p) = (ekf.x, ekf.P);
     let s = p[(NU, NU)] + 1e-3;
     // Just beyond the gate, and numbers that are none.
     for wild in [(9.001 * s).sqrt() + x[NU], -(9.001 * s).sqrt() + x[NU], 1e200, f64::NAN, f64::INFINITY] {
         let innovation = ekf.update(NU, wild, 1e-3, Some(9.0));
         assert!(!innovation.accepted);
-        assert_eq!((ekf.x(), ekf.P()), (&x, &p), "{wild}");
+        assert_eq!((&ekf.x, &ekf.P), (&x, &p), "{wild}");
     }
     assert!(!ekf.update(NU, f64::NAN, 1e-3, None).accepted, "not without a gate either");
-    assert_eq!((ekf.x(), ekf.P()), (&x, &p));
+    assert_eq!((&ekf.x, &ekf.P), (&x, &p));
     let innovation = ekf.update(NU, (8.999 * s).sqrt() + x[NU], 1e-3, Some(9.0));
-    assert!(innovation.accepted && (innovation.nis - 8.999).abs() < 1e-9 && *ekf.x() != x);
+    assert!(innovation.accepted && (innovation.nis - 8.999).abs() < 1e-9 && ekf.x != x);
 }

@@ -210,10 +210,10 @@ fn before_the_first_navigation_guidance_waits_in_neutral() {
         let input = GuidanceInput { nav: Input::Missing, operator: OperatorLink::Present };
         let reference = guidance.step(tick(k), input);
         assert_eq!(reference.mode, Mode::Neutral);
-        assert_eq!(guidance.reason(), Reason::WaitingForNav);
+        assert_eq!(guidance.reason, Reason::WaitingForNav);
     }
     let reference = step(&mut guidance, 10, &nav(2.0, 0.7));
-    assert_eq!((reference.mode, guidance.reason()), (Mode::DepthHeadingHold, Reason::Commanded));
+    assert_eq!((reference.mode, guidance.reason), (Mode::DepthHeadingHold, Reason::Commanded));
     assert_eq!((reference.depth_m, reference.heading_rad), (2.0, 0.7), "it holds where the vehicle is");
 }
 

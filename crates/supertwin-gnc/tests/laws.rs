@@ -47,8 +47,8 @@ fn agsta(law: &Law) -> &Agsta {
 
 fn twisting(law: &Law) -> &SuperTwisting {
     match law {
-        Law::Gsta(gsta) => gsta.twisting(),
-        Law::Agsta(agsta) => agsta.twisting(),
+        Law::Gsta(gsta) => &gsta.twisting,
+        Law::Agsta(agsta) => &agsta.twisting,
         other => panic!("{} has no integrator z", other.name()),
     }
 }

@@ -103,7 +103,7 @@ fn legal(trial: &ResolvedTrial) {
     let mut twin = Twin::new(trial, seed).unwrap_or_else(|error| panic!("not for seed {seed}: {error}"));
     scene(trial, seed).unwrap_or_else(|error| panic!("can't be drawn: {error}"));
     let mission = Mission::new(&trial.trial.mission, trial.trial.tick_s.get());
-    let mut commands = mission.steps().iter().map(|(_, command)| command);
+    let mut commands = mission.steps.iter().map(|(_, command)| command);
     let mut probe = DigestProbe::default();
     for k in 0..TICKS.min(SUBSTEPS / u64::from(trial.trial.substeps)).max(2).min(trial.ticks()) {
         let tick = Tick { k, dt_s: trial.trial.tick_s.get() };
@@ -129,5 +129,5 @@ fn legal(trial: &ResolvedTrial) {
             }
         }
     }
-    assert_eq!(twin.events_dropped(), 0, "events that nobody hears of");
+    assert_eq!(twin.events_dropped, 0, "events that nobody hears of");
 }

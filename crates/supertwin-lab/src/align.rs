@@ -82,7 +82,7 @@ impl Alignment {
             }
             Self::Reversed => reversed(source).ok_or_else(|| "its direction is never reversed".to_owned()),
             Self::Fault => {
-                let commanded = source.commands.get("plant").and_then(|commands| commands.first());
+                let commanded = source.commands_of("plant").first();
                 // A batch run has its commands among the events.
                 let of_mission = source
                     .events

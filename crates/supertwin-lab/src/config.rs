@@ -10,17 +10,7 @@ use toml::{Table, Value};
 /// Configuration that can't be used.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ConfigError {
-    /// A file that is not there.
-    #[error("{path}: no such {kind}; known: {known}")]
-    Missing {
-        /// Where it was looked for.
-        path: String,
-        /// What was looked for.
-        kind: String,
-        /// What there is instead.
-        known: String,
-    },
-    /// A file that can't be read.
+    /// A file that is not there or can't be read.
     #[error("{path}: {cause}")]
     Unreadable {
         /// Path of the file as it was given.
@@ -63,8 +53,10 @@ pub enum ConfigError {
 pub struct Override {
     /// The text of `--set`, as it was given.
     pub text: String,
-    section: String,
-    path: Vec<String>,
+    /// The file: one of [`SECTIONS`].
+    pub(crate) section: String,
+    /// Names from the outside in, below the section.
+    pub(crate) path: Vec<String>,
     value: Value,
     /// The value is a factor: what the file says is multiplied by it.
     times: bool,
@@ -154,18 +146,6 @@ impl Override {
         table.get("law").and_then(Value::as_table).is_none_or(|law| law.contains_key(named))
     }
 
-    /// The file: one of [`SECTIONS`].
-    #[must_use]
-    pub fn section(&self) -> &str {
-        &self.section
-    }
-
-    /// Names from the outside in, below the section.
-    #[must_use]
-    pub fn path(&self) -> &[String] {
-        &self.path
-    }
-
     /// Puts the value in its place.
     pub(crate) fn apply(&self, table: &mut Table) -> Result<(), ConfigError> {
         let error = |message: String| ConfigError::Override { text: self.text.clone(), message };
@@ -173,44 +153,37 @@ impl Override {
         let mut here = Value::Table(std::mem::take(table));
         let mut cursor = &mut here;
         for (depth, key) in parents.iter().enumerate() {
-            cursor = match cursor {
-                Value::Table(table) => {
-                    let known: Vec<String> = table.keys().cloned().collect();
-                    table.get_mut(key).ok_or_else(|| {
-                        error(format!(
-                            "`{}` is not there{}",
-                            self.path[..=depth].join("."),
-                            suggestion(key, known.iter().map(String::as_str))
-                        ))
-                    })?
-                }
-                Value::Array(array) => {
-                    let count = array.len();
-                    key.parse::<usize>()
-                        .ok()
-                        .and_then(|i| array.get_mut(i))
-                        .ok_or_else(|| error(format!("`{key}`: must be an index below {count}")))?
-                }
-                _ => return Err(error(format!("`{}` is a value, not a table", self.path[..depth].join(".")))),
-            };
+            cursor = child(cursor, key, &self.path[..depth]).map_err(error)?;
         }
-        match cursor {
-            Value::Table(table) => {
-                let value = self.put(table.get(last)).map_err(error)?;
-                table.insert(last.clone(), value);
-            }
-            Value::Array(array) => {
-                let count = array.len();
-                let slot = last.parse::<usize>().ok().and_then(|i| array.get_mut(i));
-                let slot = slot.ok_or_else(|| error(format!("`{last}`: must be an index below {count}")))?;
-                *slot = self.put(Some(slot)).map_err(error)?;
-            }
-            _ => return Err(error(format!("`{}` is a value, not a table", parents.join(".")))),
+        if let Value::Table(table) = cursor {
+            let value = self.put(table.get(last)).map_err(error)?;
+            table.insert(last.clone(), value);
+        } else {
+            let slot = child(cursor, last, parents).map_err(error)?;
+            *slot = self.put(Some(slot)).map_err(error)?;
         }
         if let Value::Table(done) = here {
             *table = done;
         }
         Ok(())
+    }
+}
+
+/// What stands at `key` in the value at `path`.
+fn child<'a>(value: &'a mut Value, key: &str, path: &[String]) -> Result<&'a mut Value, String> {
+    match value {
+        Value::Table(table) => {
+            let known: Vec<String> = table.keys().cloned().collect();
+            let hint = suggestion(key, known.iter().map(String::as_str));
+            let place: Vec<&str> = path.iter().map(String::as_str).chain([key]).collect();
+            table.get_mut(key).ok_or_else(|| format!("`{}` is not there{hint}", place.join(".")))
+        }
+        Value::Array(array) => {
+            let count = array.len();
+            let slot = key.parse::<usize>().ok().and_then(|i| array.get_mut(i));
+            slot.ok_or_else(|| format!("`{key}`: must be an index below {count}"))
+        }
+        _ => Err(format!("`{}` is a value, not a table", path.join("."))),
     }
 }
 
@@ -226,8 +199,10 @@ pub(crate) fn suggestion<'a>(word: &str, known: impl Iterator<Item = &'a str>) -
 /// A folder of configuration files, and the overrides of this call.
 #[derive(Clone, Debug)]
 pub struct Library {
-    root: PathBuf,
-    overrides: Vec<Override>,
+    /// Folder that the configuration files are below.
+    pub root: PathBuf,
+    /// The overrides of this call.
+    pub overrides: Vec<Override>,
 }
 
 /// A file as it was understood.
@@ -246,18 +221,6 @@ impl Library {
     #[must_use]
     pub fn new(root: impl Into<PathBuf>, overrides: Vec<Override>) -> Self {
         Self { root: root.into(), overrides }
-    }
-
-    /// Folder that the configuration files are below.
-    #[must_use]
-    pub fn root(&self) -> &Path {
-        &self.root
-    }
-
-    /// The overrides of this call.
-    #[must_use]
-    pub fn overrides(&self) -> &[Override] {
-        &self.overrides
     }
 
     /// The same folder with further overrides, which come last.
@@ -293,26 +256,18 @@ impl Library {
     /// Says what there is instead.
     pub(crate) fn read(&self, section: &str, folder: &str, name: &str) -> Result<(PathBuf, String), ConfigError> {
         let path = self.path(folder, name);
-        let shown = path.display().to_string();
-        let text = text_of(&path).map_err(|cause| match cause.kind() {
-            std::io::ErrorKind::NotFound => {
-                let known = self.names(folder);
-                if known.is_empty() {
-                    return ConfigError::Unreadable {
-                        path: shown.clone(),
-                        cause: format!(
-                            "not there, and no other {section} in {}: name the folder with --config",
-                            self.root.join(folder).display()
-                        ),
-                    };
-                }
-                ConfigError::Missing {
-                    path: shown.clone(),
-                    kind: section.to_owned(),
-                    known: format!("{}{}", known.join(", "), suggestion(name, known.iter().map(String::as_str))),
-                }
-            }
-            _ => ConfigError::Unreadable { path: shown.clone(), cause: cause.to_string() },
+        let text = text_of(&path).map_err(|cause| {
+            let known = self.names(folder);
+            let cause = if cause.kind() != io::ErrorKind::NotFound {
+                cause.to_string()
+            } else if known.is_empty() {
+                let folder = self.root.join(folder);
+                format!("not there, and no other {section} in {}: name the folder with --config", folder.display())
+            } else {
+                let hint = suggestion(name, known.iter().map(String::as_str));
+                format!("no such {section}; known: {}{hint}", known.join(", "))
+            };
+            ConfigError::Unreadable { path: path.display().to_string(), cause }
         })?;
         Ok((path, text))
     }
@@ -403,53 +358,6 @@ fn described(path: &str, message: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use supertwin_core::check::Positive;
-
-    #[derive(Debug, Deserialize)]
-    #[serde(deny_unknown_fields)]
-    #[allow(dead_code, reason = "read by the error messages only")]
-    struct Sample {
-        mass_kg: Positive,
-        inner: Inner,
-    }
-    #[derive(Debug, Deserialize)]
-    #[serde(deny_unknown_fields)]
-    #[allow(dead_code, reason = "read by the error messages only")]
-    struct Inner {
-        gain: f64,
-    }
-
-    fn message(text: &str) -> String {
-        parse::<Sample>("x.toml", text).expect_err("must be refused").to_string()
-    }
-
-    #[test]
-    fn errors_name_file_place_path_value_and_rule() {
-        let negative = message("mass_kg = -5.0\n[inner]\ngain = 1.0\n");
-        assert_eq!(negative, "x.toml:1:11: mass_kg: -5: must be positive and finite");
-        let nan = message("mass_kg = nan\n[inner]\ngain = 1.0\n");
-        assert!(nan.starts_with("x.toml:1:11: mass_kg: NaN: must be positive"), "{nan}");
-        let unknown = message("mass_kg = 1.0\n[inner]\ngian = 1.0\n");
-        assert!(unknown.starts_with("x.toml:3:1: inner"), "{unknown}");
-        assert!(unknown.contains("unknown field `gian`") && unknown.ends_with("did you mean `gain`?"), "{unknown}");
-        let kind = message("mass_kg = \"heavy\"\n[inner]\ngain = 1.0\n");
-        assert!(kind.starts_with("x.toml:1:11: mass_kg: invalid type: string \"heavy\""), "{kind}");
-        let syntax = message("mass_kg = \n");
-        assert!(syntax.starts_with("x.toml:1:"), "{syntax}");
-    }
-
-    #[test]
-    fn overrides_replace_values_and_name_themselves_in_errors() {
-        let over: Override = "vehicle.inner.gain=2.5".parse().expect("legal");
-        let mut table: Table = "mass_kg = 1.0\n[inner]\ngain = 1.0\n".parse().expect("TOML");
-        over.apply(&mut table).expect("applies");
-        assert_eq!(table["inner"]["gain"].as_float(), Some(2.5));
-        let unknown = "vehicles.mass_kg=1".parse::<Override>().expect_err("unknown section").to_string();
-        assert!(unknown.contains("did you mean `vehicle`?"), "{unknown}");
-        let nowhere: Override = "vehicle.outer.gain=2.5".parse().expect("legal");
-        let error = nowhere.apply(&mut table).expect_err("nowhere").to_string();
-        assert!(error.contains("--set vehicle.outer.gain=2.5: `outer` is not there"), "{error}");
-    }
 
     #[test]
     fn a_factor_multiplies_what_the_file_says() {

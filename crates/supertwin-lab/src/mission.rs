@@ -19,7 +19,8 @@ pub struct MissionStep {
 /// Commands in the order of their ticks; of equal ticks, in the order of the file.
 #[derive(Clone, Debug, Default)]
 pub struct Mission {
-    steps: Vec<(u64, Command)>,
+    /// All commands with their ticks.
+    pub steps: Vec<(u64, Command)>,
     next: usize,
 }
 
@@ -47,12 +48,6 @@ impl Mission {
     pub fn rest(&self) -> &[(u64, Command)] {
         &self.steps[self.next..]
     }
-
-    /// All commands with their ticks.
-    #[must_use]
-    pub fn steps(&self) -> &[(u64, Command)] {
-        &self.steps
-    }
 }
 
 /// A mission taken apart: each service plays its own part, at the same ticks.
@@ -73,7 +68,7 @@ impl Parts {
     /// When the mission disturbs the wires, which only a batch run can do: over a network they are real.
     pub fn of(mission: &Mission) -> Result<Self, String> {
         let mut parts = Self::default();
-        for (tick, command) in mission.steps() {
+        for (tick, command) in &mission.steps {
             match command.clone() {
                 Command::Plant(command) => parts.plant.push((*tick, command)),
                 Command::Estimator(command) => parts.estimator.push((*tick, command)),

@@ -49,42 +49,12 @@ pub enum RescoreError {
     /// The configuration in its properties can't be used.
     #[error(transparent)]
     Config(#[from] ConfigError),
-    /// A property is missing or is no number.
-    #[error("{run}: property {name} is not there or not a number: the window of the scores is not known")]
-    Property {
+    /// The recording lacks something that is needed, or has something else in its place.
+    #[error("{run}: {cause}")]
+    Recording {
         /// Name of the run, as its recording states it.
         run: String,
-        /// Name of the property of the run that is not there or not usable.
-        name: &'static str,
-    },
-    /// Something was not recorded.
-    #[error("{run}: {path} was not recorded: scores need it")]
-    Signal {
-        /// Name of the run, as its recording states it.
-        run: String,
-        /// Which signal or label.
-        path: &'static str,
-    },
-    /// A signal has another number of components.
-    #[error("{run}: {path} has {width} components: must have {expected}")]
-    Width {
-        /// Name of the run, as its recording states it.
-        run: String,
-        /// Path of the signal in the recording.
-        path: &'static str,
-        /// Components per tick in the recording.
-        width: usize,
-        /// Components per tick that the scores need.
-        expected: usize,
-    },
-    /// A command of the recording is none.
-    #[error("{run}: command/controller at tick {tick}: {cause}")]
-    Command {
-        /// Name of the run, as its recording states it.
-        run: String,
-        /// Tick, from 0 at the start of the run.
-        tick: i64,
-        /// What is wrong.
+        /// What is missing or wrong.
         cause: String,
     },
 }
@@ -120,11 +90,22 @@ pub fn rescore(source: &RecordedRun) -> Result<Rescored, RescoreError> {
     Ok(Rescored { scores: scorer.scores(), ticks, missing: window.saturating_sub(ticks) })
 }
 
+fn wrong(source: &RecordedRun, cause: String) -> RescoreError {
+    RescoreError::Recording { run: source.name.clone(), cause }
+}
+
+fn not_recorded(source: &RecordedRun, path: &str) -> RescoreError {
+    wrong(source, format!("{path} was not recorded: scores need it"))
+}
+
 /// A property of the run that is a number.
 pub(crate) fn number(source: &RecordedRun, name: &'static str) -> Result<f64, RescoreError> {
-    match source.properties.get("run").and_then(|properties| properties.get(name)) {
+    match source.property("run", name) {
         Some(Property::Number(number)) => Ok(*number),
-        _ => Err(RescoreError::Property { run: source.name.clone(), name }),
+        _ => Err(wrong(
+            source,
+            format!("property {name} is not there or not a number: the window of the scores is not known"),
+        )),
     }
 }
 
@@ -144,16 +125,15 @@ pub(crate) struct Sample {
 pub(crate) struct SampleReader<'a> {
     source: &'a RecordedRun,
     pub(crate) tick_s: f64,
-    cursors: Vec<(&'static Signal, Cursor<'a>)>,
-    has_truth: bool,
-    gains: [Option<Cursor<'a>>; 2],
+    needed: Vec<(&'static Signal, &'a Columns)>,
+    pub(crate) has_truth: bool,
+    gains: [Option<&'a Columns>; 2],
     law: LawAtWork<'a>,
 }
 
 impl<'a> SampleReader<'a> {
     /// From the beginning. Without `truth`, a run that has none can be walked along as well.
     pub(crate) fn new(source: &'a RecordedRun, truth: bool) -> Result<Self, RescoreError> {
-        let run = || source.name.clone();
         let tick_s = number(source, "tick_s")?;
         let empty = Properties::new();
         let properties = source.properties.get("run").unwrap_or(&empty);
@@ -165,36 +145,32 @@ impl<'a> SampleReader<'a> {
         if truth || has_truth {
             needed.extend(of_truth);
         }
-        let mut cursors = Vec::with_capacity(needed.len());
+        let mut found = Vec::with_capacity(needed.len());
         for signal in needed {
             let (path, expected) = (signal.path, signal.width());
-            let columns = recorded(signal).ok_or_else(|| RescoreError::Signal { run: run(), path })?;
+            let columns = recorded(signal).ok_or_else(|| not_recorded(source, path))?;
             if columns.width != expected {
-                return Err(RescoreError::Width { run: run(), path, width: columns.width, expected });
+                return Err(wrong(source, format!("{path} has {} components: must have {expected}", columns.width)));
             }
-            cursors.push((signal, Cursor::new(columns)));
+            found.push((signal, columns));
         }
         let gains = [&signal::controller::K1, &signal::controller::SIGMA]
-            .map(|signal| recorded(signal).filter(|columns| columns.width == signal.width()).map(Cursor::new));
-        Ok(Self { source, tick_s, cursors, has_truth: truth || has_truth, gains, law })
+            .map(|signal| recorded(signal).filter(|columns| columns.width == signal.width()));
+        Ok(Self { source, tick_s, needed: found, has_truth: truth || has_truth, gains, law })
     }
 
     /// The last tick of any signal that is needed.
     pub(crate) fn last(&self) -> i64 {
-        self.cursors.iter().filter_map(|(_, cursor)| cursor.columns.tick.last()).max().copied().unwrap_or(-1)
-    }
-
-    pub(crate) fn has_truth(&self) -> bool {
-        self.has_truth
+        self.needed.iter().filter_map(|(_, columns)| columns.tick.last()).max().copied().unwrap_or(-1)
     }
 
     /// At tick `k`, which must not be smaller than the one before; `None` when something is not there.
     pub(crate) fn at(&mut self, k: i64) -> Result<Option<Sample>, RescoreError> {
         let tick = Tick { k: k as u64, dt_s: self.tick_s };
         self.law.apply_until(self.source, tick)?;
-        let Some(law) = self.law.sample(k, &mut self.gains) else { return Ok(None) };
+        let Some(law) = self.law.sample(k, self.gains) else { return Ok(None) };
         let rows: Option<Vec<_>> =
-            self.cursors.iter_mut().map(|(signal, cursor)| Some((*signal, cursor.at(k)?))).collect();
+            self.needed.iter().map(|(signal, columns)| Some((*signal, columns.at(k)?))).collect();
         let Some(rows) = rows.map(Rows) else { return Ok(None) };
         let rows = OrNan(&rows);
         let (nav, reference, truth) = (rows.message::<Nav>(), rows.message::<Reference>(), rows.message::<Truth>());
@@ -206,38 +182,15 @@ impl<'a> SampleReader<'a> {
 
     /// The first number that is none in the ticks `from..to`: path and tick.
     pub(crate) fn not_finite(&self, from: i64, to: i64) -> Option<(&'static str, i64)> {
-        let found = self.cursors.iter().filter_map(|(signal, cursor)| {
-            let ticks = &cursor.columns.tick;
+        let found = self.needed.iter().filter_map(|(signal, columns)| {
+            let ticks = &columns.tick;
             let first = ticks.partition_point(|tick| *tick < from);
             let last = ticks.partition_point(|tick| *tick < to).max(first);
-            let values = cursor.columns.values.get(first * cursor.columns.width..last * cursor.columns.width)?;
+            let values = columns.values.get(first * columns.width..last * columns.width)?;
             let at = values.iter().position(|value| !value.is_finite())?;
-            Some((signal.path, ticks[first + at / cursor.columns.width]))
+            Some((signal.path, ticks[first + at / columns.width]))
         });
         found.min_by_key(|(_, tick)| *tick)
-    }
-}
-
-/// Walks along a signal with ticks that only grow.
-struct Cursor<'a> {
-    columns: &'a Columns,
-    row: usize,
-}
-
-impl<'a> Cursor<'a> {
-    fn new(columns: &'a Columns) -> Self {
-        Self { columns, row: 0 }
-    }
-
-    fn at(&mut self, tick: i64) -> Option<&'a [f64]> {
-        while self.columns.tick.get(self.row).is_some_and(|at| *at < tick) {
-            self.row += 1;
-        }
-        (self.columns.tick.get(self.row) == Some(&tick)).then(|| self.columns.row(self.row)).flatten()
-    }
-
-    fn four(&mut self, tick: i64) -> Option<[f64; 4]> {
-        self.at(tick)?.try_into().ok()
     }
 }
 
@@ -270,12 +223,12 @@ impl<'a> LawAtWork<'a> {
         let law = &signal::controller::LAW;
         let names = source.label(law);
         if names.is_empty() {
-            return Err(RescoreError::Signal { run: source.name.clone(), path: law.path });
+            return Err(not_recorded(source, law.path));
         }
         // What a controller's parameters are does not depend on the seed.
         let controller = Blocks::new(trial, trial.trial.seed)?.controller;
         // Over a network the mission may have been left out; whatever applied was recorded. A replay has it as its mission.
-        let placement = source.properties.get("run").and_then(|run| run.get("placement"));
+        let placement = source.property("run", "placement");
         let batch = placement.is_none_or(|placement| ["batch", "replay"].map(Property::from).contains(placement));
         let mission = batch.then(|| Mission::new(&trial.trial.mission, trial.trial.tick_s.get()));
         Ok(Self { names, named: 0, controller, mission, command: 0 })
@@ -288,19 +241,18 @@ impl<'a> LawAtWork<'a> {
                 drop(self.controller.command(tick, command));
             }
         }
-        let commands = source.commands.get(Controller::NAME).map_or(&[][..], Vec::as_slice);
+        let commands = source.commands_of(Controller::NAME);
         while let Some(label) = commands.get(self.command).filter(|label| label.tick <= tick.k as i64) {
             self.command += 1;
-            let command: ControllerCommand = serde_json::from_str(&label.value).map_err(|cause| {
-                RescoreError::Command { run: source.name.clone(), tick: label.tick, cause: cause.to_string() }
-            })?;
+            let command: ControllerCommand = serde_json::from_str(&label.value)
+                .map_err(|cause| wrong(source, format!("command/controller at tick {}: {cause}", label.tick)))?;
             drop(self.controller.command(tick, &command));
         }
         Ok(())
     }
 
     /// `None` where the recording has no gains although the law has.
-    fn sample(&mut self, tick: i64, gains: &mut [Option<Cursor<'_>>; 2]) -> Option<LawSample> {
+    fn sample(&mut self, tick: i64, gains: [Option<&Columns>; 2]) -> Option<LawSample> {
         while self.names.get(self.named + 1).is_some_and(|next| next.tick <= tick) {
             self.named += 1;
         }
@@ -309,7 +261,7 @@ impl<'a> LawAtWork<'a> {
         let name = self.names[self.named].value.as_str();
         let law = self.controller.laws().find(|law| law.name() == name);
         let has = law.map(Law::sample).unwrap_or_default();
-        let [k1, sigma] = gains.each_mut().map(|gain| gain.as_mut().and_then(|cursor| cursor.four(tick)));
+        let [k1, sigma] = gains.map(|gain| gain?.at(tick)?.try_into().ok());
         Some(LawSample {
             k1: if has.k1.is_some() { Some(k1?) } else { None },
             sigma: if has.sigma.is_some() { Some(sigma?) } else { None },

@@ -5,16 +5,15 @@ use crate::mission::Mission;
 use crate::score::{Scorer, Scores, Tracking};
 use crate::trial::ResolvedTrial;
 use crate::twin::{NonFinite, Twin};
-use std::borrow::Cow;
 use std::collections::BTreeSet;
-use supertwin_core::check::{Finite, Positive};
+use supertwin_core::check::Finite;
 use supertwin_core::command::Command;
 use supertwin_core::digest::{DigestProbe, RunDigest};
 use supertwin_core::event::EventCommand;
-use supertwin_core::run::{FORMAT, Limits, NisGates, Properties, Property, Scene, ThrusterPlace};
+use supertwin_core::run::{FORMAT, Limits, Properties, Property, Scene, ThrusterPlace};
+use supertwin_core::signal::estimator;
 use supertwin_core::{Capability, Event, EventKind, Observe, RunHeader, RunSink, Severity, SinkError, Tick};
 use supertwin_gnc::control::Law;
-use supertwin_gnc::estimator::SensorTrust;
 use supertwin_model::{SonarArray, ThrusterConfig};
 use supertwin_plant::cage::Cage;
 
@@ -75,17 +74,17 @@ pub fn run<S: RunSink>(
         }),
         None => None,
     };
-    play(trial, twin, trial.ticks(), header.as_ref(), sink, |_, _| {}, go_on)
+    play(trial, twin, trial.ticks(), header.as_ref(), sink, |_, _, _| Ok(()), go_on)
 }
 
-/// Runs `twin` for `ticks` under the mission of `trial`; `before` is called before each step.
+/// Runs `twin` for `ticks` under the mission of `trial`; `before` is called at the beginning of each tick.
 pub(crate) fn play<S: RunSink>(
     trial: &ResolvedTrial,
     mut twin: Twin,
     last: u64,
     header: Option<&RunHeader>,
     sink: &mut S,
-    mut before: impl FnMut(&mut Twin, Tick),
+    mut before: impl FnMut(&mut Twin, Tick, &mut S) -> Result<(), SinkError>,
     mut go_on: impl FnMut(u64) -> bool,
 ) -> Result<RunOutcome, RunError> {
     let dt_s = trial.trial.tick_s.get();
@@ -106,6 +105,7 @@ pub(crate) fn play<S: RunSink>(
         if recording {
             sink.tick(tick)?;
         }
+        before(&mut twin, tick, sink)?;
         while let Some(command) = mission.due(tick) {
             let refusal = twin.command(tick, command).err();
             if recording || refusal.is_some() {
@@ -117,14 +117,13 @@ pub(crate) fn play<S: RunSink>(
                 }
             }
         }
-        before(&mut twin, tick);
         twin.step(tick);
         if let Err(error) = twin.digest(tick, &mut probe) {
             if recording {
                 // The recording ends with the tick that went wrong and says what did.
                 twin.observe(sink);
                 let what = EventKind::NotFinite { at_tick: error.k, signal: error.path.into(), so_far: None };
-                sink.event(&Event { tick: k, service: Cow::Borrowed("run"), severity: Severity::Error, what })?;
+                sink.event(&Event::new(k, "run", Severity::Error, what))?;
                 let failed = Properties::from([
                     ("complete".to_owned(), 0u64.into()),
                     ("error".to_owned(), error.to_string().into()),
@@ -136,13 +135,13 @@ pub(crate) fn play<S: RunSink>(
         }
         let Some(now) = twin.outputs() else { continue };
         let tracking = Tracking::new(now.nav, now.reference, twin.truth());
-        let law = twin.controller().law().sample();
+        let law = twin.blocks.controller.law().sample();
         scorer.add(tick, &tracking, now.thrust, &twin.truth().wrench, &law);
-        warnings += twin.events().iter().filter(|event| event.severity > Severity::Info).count() as u64;
+        warnings += twin.events.iter().filter(|event| event.severity > Severity::Info).count() as u64;
         if recording {
             twin.observe(sink);
             tracking.observe(sink);
-            for event in twin.events() {
+            for event in &twin.events {
                 sink.event(event)?;
             }
         }
@@ -152,17 +151,13 @@ pub(crate) fn play<S: RunSink>(
         for (at, command) in mission.rest() {
             warnings += 1;
             let command = EventCommand::of_mission(command);
-            sink.event(&Event {
-                tick: ticks.saturating_sub(1),
-                service: Cow::Borrowed("mission"),
-                severity: Severity::Warning,
-                what: EventKind::CommandNeverApplied { command, at_s: *at as f64 * dt_s },
-            })?;
+            let what = EventKind::CommandNeverApplied { command, at_s: *at as f64 * dt_s };
+            sink.event(&Event::new(ticks.saturating_sub(1), "mission", Severity::Warning, what))?;
         }
     }
     let outcome = RunOutcome {
         scores: scorer.scores(),
-        digest: twin.run_digest(),
+        digest: twin.run_digest,
         ticks,
         complete: ticks == last,
         warnings,
@@ -183,7 +178,7 @@ fn command_event(k: u64, command: &Command, refusal: Option<&supertwin_core::Ref
             (Severity::Error, EventKind::CommandRefused { command, session: None, reason, so_far: None })
         }
     };
-    Event { tick: k, service: Cow::Borrowed("mission"), severity, what }
+    Event::new(k, "mission", severity, what)
 }
 
 /// Name of a run: trial, controller, seed.
@@ -288,12 +283,12 @@ fn limits(trial: &ResolvedTrial) -> Limits {
     // Of the law that steers first: a substitute, where it has one.
     let alpha_tol = trial.controller.law.family().ok().and_then(|laws| laws.last()?.sample().alpha_tol);
     let trust = &trial.estimator.measurement;
-    let gate = |sensor: &SensorTrust| sensor.gate.map(Positive::get);
-    let nis_gate = NisGates {
-        dvl: gate(&trust.dvl),
-        depth: gate(&trust.depth),
-        heading: gate(&trust.compass),
-        yaw_rate: gate(&trust.gyro),
-    };
-    Limits { alpha_tol, nis_gate }
+    let sensors = [
+        (&estimator::INNOVATION_DVL, trust.dvl),
+        (&estimator::INNOVATION_DEPTH, trust.depth),
+        (&estimator::INNOVATION_HEADING, trust.compass),
+        (&estimator::INNOVATION_YAW_RATE, trust.gyro),
+    ];
+    let nis_gates = sensors.into_iter().filter_map(|(innovation, sensor)| Some((innovation, sensor.gate?.get())));
+    Limits { alpha_tol, nis_gates: nis_gates.collect() }
 }

@@ -199,7 +199,7 @@ impl ErrorSums {
 }
 
 /// Adds a run up, tick by tick, in one fixed order: the same numbers from the run and from its recording.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Scorer {
     from_tick: u64,
     middle_tick: u64,
@@ -225,26 +225,7 @@ impl Scorer {
     /// Scores the ticks `from_tick..to_tick`.
     #[must_use]
     pub fn new(from_tick: u64, to_tick: u64, dt_s: f64) -> Self {
-        Self {
-            from_tick,
-            middle_tick: from_tick.midpoint(to_tick),
-            n: 0,
-            dt_s,
-            measured: ErrorSums::default(),
-            truth: ErrorSums::default(),
-            estimation: ErrorSums::default(),
-            travel: 0.0,
-            effort: [0.0; 4],
-            variation: [0.0; 4],
-            activity: [0.0; 4],
-            requested_max: [0.0; 4],
-            limited: [0; 4],
-            outside: [0; 4],
-            adaptive: false,
-            last: None,
-            k1_middle: [0.0; 4],
-            k1: [0.0; 4],
-        }
+        Self { from_tick, middle_tick: from_tick.midpoint(to_tick), dt_s, ..Self::default() }
     }
 
     /// Adds one tick; `made` is the wrench that the thrusters really made.

@@ -167,7 +167,7 @@ impl ResolvedTrial {
     fn check(&self) -> Result<(), ConfigError> {
         let mut twin = Twin::new(self, self.trial.seed)?;
         let mission = Mission::new(&self.trial.mission, self.trial.tick_s.get());
-        for (k, command) in mission.steps() {
+        for (k, command) in &mission.steps {
             let tick = Tick { k: *k, dt_s: self.trial.tick_s.get() };
             twin.command(tick, command).map_err(|refusal| ConfigError::Combination {
                 path: self.path.display().to_string(),
@@ -182,14 +182,14 @@ impl Library {
     /// # Errors
     /// When an override of a law's parameter concerns no controller of these trials.
     pub fn all_used(&self, trials: &[ResolvedTrial]) -> Result<(), ConfigError> {
-        for over in self.overrides().iter().filter(|over| over.section() == "controller") {
+        for over in self.overrides.iter().filter(|over| over.section == "controller") {
             let laws = || {
                 trials.iter().flat_map(|trial| {
                     std::iter::once(&trial.controller).chain(trial.standby.iter().map(|(_, law)| law))
                 })
             };
-            let law_named = |config: &ControllerConfig| over.path().get(1).is_none_or(|law| law == config.law.name());
-            if over.path()[0] == "law" && !laws().any(law_named) {
+            let law_named = |config: &ControllerConfig| over.path.get(1).is_none_or(|law| law == config.law.name());
+            if over.path[0] == "law" && !laws().any(law_named) {
                 let mut known: Vec<&str> = laws().map(|config| config.law.name()).collect();
                 known.dedup();
                 let message = format!("no controller here has this law; there are {}", known.join(", "));

@@ -10,7 +10,6 @@ use supertwin_core::digest::{DigestProbe, RunDigest, block_digest};
 use supertwin_core::message::{Measurements, Nav, Reference, Thrust, Truth};
 use supertwin_core::observe::Snapshot;
 use supertwin_core::{Block, Event, Observe, Probe, Refusal, Tick, Watch, signal};
-use supertwin_gnc::{Controller, Guidance};
 use supertwin_plant::Drive;
 
 /// Events that one tick can have; more are counted.
@@ -29,12 +28,16 @@ pub struct NonFinite {
 /// The blocks of the ring and their wires.
 #[derive(Clone, Debug)]
 pub struct Twin {
-    blocks: Blocks,
+    pub(crate) blocks: Blocks,
     wires: RingWires,
-    digests: [u64; 4],
-    run_digest: RunDigest,
-    events: ArrayVec<Event, MAX_EVENTS>,
-    events_dropped: u64,
+    /// Hashes of plant, estimator, guidance and controller at the last tick.
+    pub digests: [u64; 4],
+    /// Hash of the run so far.
+    pub run_digest: RunDigest,
+    /// What happened at the last tick.
+    pub events: ArrayVec<Event, MAX_EVENTS>,
+    /// Events that did not fit; always zero unless something is very wrong.
+    pub events_dropped: u64,
     /// What each block last gave notice of.
     watches: [Watch; 4],
 }
@@ -123,34 +126,10 @@ impl Twin {
         }
     }
 
-    /// Hashes of plant, estimator, guidance and controller at the last tick.
-    #[must_use]
-    pub fn digests(&self) -> [u64; 4] {
-        self.digests
-    }
-
-    /// Hash of the run so far.
-    #[must_use]
-    pub fn run_digest(&self) -> RunDigest {
-        self.run_digest
-    }
-
-    /// What happened at the last tick.
-    #[must_use]
-    pub fn events(&self) -> &[Event] {
-        &self.events
-    }
-
-    /// Events that did not fit; always zero unless something is very wrong.
-    #[must_use]
-    pub fn events_dropped(&self) -> u64 {
-        self.events_dropped
-    }
-
     /// True state of the vehicle after the last step.
     #[must_use]
     pub fn truth(&self) -> &Truth {
-        self.blocks.plant.truth()
+        &self.blocks.plant.truth
     }
 
     /// Everything that the blocks put out at the last tick, whether or not it got through; `None` before the first.
@@ -162,18 +141,6 @@ impl Twin {
             reference: self.wires.at_source()?,
             thrust: self.wires.at_source()?,
         })
-    }
-
-    /// The controller block, with its law and gains after the last step.
-    #[must_use]
-    pub fn controller(&self) -> &Controller {
-        &self.blocks.controller
-    }
-
-    /// What guidance gives as its reason.
-    #[must_use]
-    pub fn guidance(&self) -> &Guidance {
-        &self.blocks.guidance
     }
 }
 

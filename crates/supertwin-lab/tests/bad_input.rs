@@ -3,7 +3,7 @@
 use crate::common;
 use std::fs;
 use std::path::Path;
-use supertwin_lab::{Library, trial};
+use supertwin_lab::{Library, Override, trial};
 
 fn copy(from: &Path, to: &Path) {
     fs::create_dir_all(to).expect("a folder");
@@ -42,7 +42,7 @@ fn each_kind_of_bad_input_is_named() {
             "vehicles/argus-mini.toml",
             "mass_kg = 90.0",
             "mass_kg = nan",
-            "true.rigid_body.mass_kg: NaN: must be positive and finite",
+            "argus-mini.toml:14:11: true.rigid_body.mass_kg: NaN: must be positive and finite",
         ),
         (
             "vehicles/argus-mini.toml",
@@ -54,9 +54,11 @@ fn each_kind_of_bad_input_is_named() {
             "vehicles/argus-mini.toml",
             "mass_kg = 90.0",
             "mass_kg = \"heavy\"",
-            "true.rigid_body.mass_kg: invalid type: string \"heavy\"",
+            "argus-mini.toml:14:11: true.rigid_body.mass_kg: invalid type: string \"heavy\"",
         ),
         ("vehicles/argus-mini.toml", "mass_kg = 90.0", "mas_kg = 90.0", "unknown field `mas_kg`"),
+        ("vehicles/argus-mini.toml", "mass_kg = 90.0", "mas_kg = 90.0", "argus-mini.toml:14:1: true.rigid_body"),
+        ("vehicles/argus-mini.toml", "mass_kg = 90.0", "mas_kg = 90.0", "did you mean `mass_kg`?"),
         ("vehicles/argus-mini.toml", "mass_kg = 90.0\n", "", "missing field `mass_kg`"),
         (
             "vehicles/argus-mini.toml",
@@ -145,8 +147,11 @@ fn unknown_trials_and_overrides_are_refused_with_what_there_is() {
         negative.starts_with("--set vehicle.true.rigid_body.mass_kg=-5: ") && negative.contains("must be positive"),
         "{negative}"
     );
+    let section = "vehicles.mass_kg=1".parse::<Override>().expect_err("unknown section").to_string();
+    assert!(section.contains("did you mean `vehicle`?"), "{section}");
     let nowhere = set("environment.wave.significant_height_m=0.3");
-    assert!(nowhere.contains("`wave` is not there; did you mean `waves`?"), "{nowhere}");
+    let expected = "--set environment.wave.significant_height_m=0.3: `wave` is not there; did you mean `waves`?";
+    assert!(nowhere.contains(expected), "{nowhere}");
     let unknown = set("environment.waves.height_m=0.3");
     assert!(unknown.contains("unknown field `height_m`"), "{unknown}");
     let kind = set("trial.duration_s=long");

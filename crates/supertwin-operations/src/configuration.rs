@@ -54,7 +54,7 @@ pub fn understand(file: &Path, library: &Library) -> Result<Table, ConfigError> 
         "sweep" => {
             let sweep = Sweep::load(library, &name)?;
             sweep.check(library)?;
-            supertwin_lab::config::parse(&name, sweep.text())?
+            supertwin_lab::config::parse(&name, &sweep.text)?
         }
         "vehicle" => table(library, section, &name, VehicleConfig::check)?,
         "environment" => table(library, section, &name, EnvironmentConfig::check)?,

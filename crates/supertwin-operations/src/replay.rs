@@ -137,7 +137,7 @@ impl Source {
         let base = self.verify(replay, None)?;
         let original = rescore(&self.recording).ok().map(|rescored| rescored.scores);
         // Only what can be done may take the place of a file.
-        changed.apply(replay.trial())?;
+        changed.apply(&replay.trial)?;
         Ok((base, original))
     }
 }

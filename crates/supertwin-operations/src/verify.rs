@@ -161,7 +161,7 @@ fn in_one_process(trial: &ResolvedTrial, ticks: u64) -> Result<PlacementCheck, O
     Ok(PlacementCheck {
         trial: trial.name.clone(),
         placement: "one process",
-        hash: Some(reference.twin.run_digest().to_string()),
+        hash: Some(reference.twin.run_digest.to_string()),
         ticks: done,
         wall_s,
         laps_per_s: done as f64 / wall_s,
@@ -223,7 +223,7 @@ impl Job<'_> {
             done = k + 1;
             progress.advance(1);
             let finite = reference.step(k);
-            if finite && reference.twin.digests() == there {
+            if finite && reference.twin.digests == there {
                 return true;
             }
             difference = Some(first_difference(k, &reference.twin, lap));
@@ -331,7 +331,7 @@ fn first_difference(k: u64, twin: &Twin, lap: &Lap<'_>) -> FirstDifference {
             }
         }
     }
-    let services = digests(lap).into_iter().zip(twin.digests()).zip(RING).filter(|((a, b), _)| a != b);
+    let services = digests(lap).into_iter().zip(twin.digests).zip(RING).filter(|((a, b), _)| a != b);
     let service = services.map(|(_, name)| name).collect::<Vec<_>>().join(", ");
     let signal = "a signal that is shown here and not there".to_owned();
     FirstDifference { tick: k, service, signal, here: String::new(), there: String::new() }

@@ -50,19 +50,13 @@ pub struct UndulationConfig {
 pub struct Cage {
     radius_m: f64,
     tilt: [f64; 2],
-    undulation: ArrayVec<Undulation, MAX_UNDULATIONS>,
+    undulation: ArrayVec<UndulationConfig, MAX_UNDULATIONS>,
     motion_amplitude_m: f64,
     motion_rad_per_s: f64,
-    /// Radius and its rate due to the motion at the present tick.
+    /// Radius due to the motion at the present tick.
     breathing_m: f64,
-    breathing_m_per_s: f64,
-}
-
-#[derive(Clone, Copy, Debug)]
-struct Undulation {
-    amplitude_m: f64,
-    lobes: u32,
-    wavenumber_rad_per_m: f64,
+    /// Outward speed of the net.
+    pub outward_speed_m_per_s: f64,
 }
 
 impl Cage {
@@ -90,19 +84,11 @@ impl Cage {
         let mut cage = Self {
             radius_m: config.radius_m.get(),
             tilt: [tilt * cos, tilt * sin],
-            undulation: config
-                .undulation
-                .iter()
-                .map(|u| Undulation {
-                    amplitude_m: u.amplitude_m.get(),
-                    lobes: u.lobes,
-                    wavenumber_rad_per_m: u.wavenumber_rad_per_m.get(),
-                })
-                .collect(),
+            undulation: config.undulation.iter().copied().collect(),
             motion_amplitude_m: config.motion_amplitude_m.get(),
             motion_rad_per_s: core::f64::consts::TAU / config.motion_period_s.get(),
             breathing_m: 0.0,
-            breathing_m_per_s: 0.0,
+            outward_speed_m_per_s: 0.0,
         };
         cage.set_time(0.0);
         Ok(cage)
@@ -112,7 +98,7 @@ impl Cage {
     pub fn set_time(&mut self, t_s: f64) {
         let (sin, cos) = libm::sincos(self.motion_rad_per_s * t_s);
         self.breathing_m = self.motion_amplitude_m * sin;
-        self.breathing_m_per_s = self.motion_amplitude_m * self.motion_rad_per_s * cos;
+        self.outward_speed_m_per_s = self.motion_amplitude_m * self.motion_rad_per_s * cos;
     }
 
     /// Radius towards the horizontal unit vector `bearing = [cos θ, sin θ]` at a depth.
@@ -123,17 +109,11 @@ impl Cage {
         for u in &self.undulation {
             // cos(nθ + κz) from powers of e^{iθ}: no transcendental function but for κz.
             let (n_cos, n_sin) = power((c, s), u.lobes);
-            let (k_sin, k_cos) =
-                if u.wavenumber_rad_per_m == 0.0 { (0.0, 1.0) } else { libm::sincos(u.wavenumber_rad_per_m * depth_m) };
-            radius += u.amplitude_m * (n_cos * k_cos - n_sin * k_sin);
+            let wavenumber = u.wavenumber_rad_per_m.get();
+            let (k_sin, k_cos) = if wavenumber == 0.0 { (0.0, 1.0) } else { libm::sincos(wavenumber * depth_m) };
+            radius += u.amplitude_m.get() * (n_cos * k_cos - n_sin * k_sin);
         }
         radius
-    }
-
-    /// Outward speed of the net.
-    #[must_use]
-    pub fn outward_speed_m_per_s(&self) -> f64 {
-        self.breathing_m_per_s
     }
 
     /// Radial gap between a point and the net, and the horizontal unit vector that points outwards there.

@@ -27,10 +27,8 @@ pub struct CurrentConfig {
 /// `U(z) = U₀ max(0, 1 − c z)` towards `direction + veering z`, plus an Ornstein-Uhlenbeck part, in NED axes.
 #[derive(Clone, Debug)]
 pub struct Current {
-    speed_m_per_s: f64,
-    decay_per_m: f64,
+    config: CurrentConfig,
     direction_rad: f64,
-    veering_rad_per_m: f64,
     fluctuation: OrnsteinUhlenbeck<2>,
 }
 
@@ -40,10 +38,8 @@ impl Current {
     pub fn new(config: &CurrentConfig, seed: u64, dt_s: f64) -> Self {
         let std = config.fluctuation_std_m_per_s.get();
         Self {
-            speed_m_per_s: config.speed_m_per_s.get(),
-            decay_per_m: config.decay_per_m.get(),
+            config: *config,
             direction_rad: config.direction_rad.sample(&mut Stream::new(seed, "current/direction")),
-            veering_rad_per_m: config.veering_rad_per_m.get(),
             fluctuation: OrnsteinUhlenbeck::new(
                 Vector2::new(std, std),
                 config.fluctuation_time_s.get(),
@@ -56,8 +52,8 @@ impl Current {
     /// One tick of the fluctuation, and the velocity at `depth_m` in NED axes.
     pub fn step(&mut self, depth_m: f64) -> Vector3<f64> {
         let fluctuation = self.fluctuation.step();
-        let speed = self.speed_m_per_s * (1.0 - self.decay_per_m * depth_m).max(0.0);
-        let (sin, cos) = libm::sincos(self.direction_rad + self.veering_rad_per_m * depth_m);
+        let speed = self.config.speed_m_per_s.get() * (1.0 - self.config.decay_per_m.get() * depth_m).max(0.0);
+        let (sin, cos) = libm::sincos(self.direction_rad + self.config.veering_rad_per_m.get() * depth_m);
         Vector3::new(speed * cos + fluctuation.x, speed * sin + fluctuation.y, 0.0)
     }
 }

@@ -150,7 +150,8 @@ pub struct Plant {
     thrust_lost: bool,
     /// In the place of current, waves and tether, once there is one.
     drive: Option<Drive>,
-    truth: Truth,
+    /// The true state after the last step.
+    pub truth: Truth,
 }
 
 impl Plant {
@@ -218,12 +219,6 @@ impl Plant {
         };
         plant.tell_truth(&Vector3::zeros(), &Vector4::zeros(), &Vector4::zeros());
         Ok(plant)
-    }
-
-    /// The true state after the last step.
-    #[must_use]
-    pub fn truth(&self) -> &Truth {
-        &self.truth
     }
 
     /// From the next step on the water stands still and nothing but `drive` acts beside the thrusters, until the next call.
@@ -328,10 +323,10 @@ impl Plant {
         truth.net_distance_m = net_distance_m;
         truth.net_heading_rad = libm::atan2(east, north);
         truth.disturbance = (*disturbance).into();
-        let force = self.propulsion.force();
+        let force = &self.propulsion.force;
         truth.wrench = (*wrench).into();
         truth.thruster_force_n.clear();
-        truth.thruster_force_n.extend(force.iter().take(self.propulsion.thrusters().count()).copied());
+        truth.thruster_force_n.extend(force.iter().take(self.propulsion.thrusters.count()).copied());
     }
 
     /// Linear part of the true velocity, body axes.
@@ -396,7 +391,7 @@ impl Block for Plant {
                 if !(0.0..=2.0).contains(gain) {
                     return Err(Refusal(format!("thruster_gain.gain = {gain}: must be between 0 and 2")));
                 }
-                let count = self.propulsion.thrusters().count();
+                let count = self.propulsion.thrusters.count();
                 if thruster.checked_sub(1).is_some_and(|i| self.propulsion.set_gain(i, *gain)) {
                     Ok(())
                 } else {
@@ -424,8 +419,8 @@ impl Observe for Plant {
         self.truth.observe(probe);
         probe.vector(
             &signal::plant::THRUSTER_DEMAND,
-            &self.propulsion.demand().as_slice()[..self.propulsion.thrusters().count()],
+            &self.propulsion.demand.as_slice()[..self.propulsion.thrusters.count()],
         );
-        probe.vector(&signal::plant::HEALTH, &[f64::from(u8::from(self.thrust_lost)), self.dvl.lost() as f64]);
+        probe.vector(&signal::plant::HEALTH, &[f64::from(u8::from(self.thrust_lost)), self.dvl.lost as f64]);
     }
 }

@@ -25,15 +25,18 @@ pub struct PropulsionConfig {
 /// The thrusters' state.
 #[derive(Clone, Debug)]
 pub struct Propulsion {
-    thrusters: Thrusters,
+    /// The thrusters.
+    pub thrusters: Thrusters,
     dead_band_n: f64,
     /// `1 − e^{−h/T}` of a sub-step.
     response: f64,
     queue: [Forces; MAX_DELAY_TICKS],
     delay_ticks: usize,
     head: usize,
-    demand: Forces,
-    force: Forces,
+    /// Forces that were demanded and have reached the propellers.
+    pub demand: Forces,
+    /// Present forces.
+    pub force: Forces,
     gain: Forces,
 }
 
@@ -86,24 +89,6 @@ impl Propulsion {
     #[must_use]
     pub fn wrench(&self) -> Vector4<f64> {
         self.thrusters.wrench(&self.force)
-    }
-
-    /// Present forces.
-    #[must_use]
-    pub fn force(&self) -> &Forces {
-        &self.force
-    }
-
-    /// The thrusters.
-    #[must_use]
-    pub fn thrusters(&self) -> &Thrusters {
-        &self.thrusters
-    }
-
-    /// Forces that were demanded and have reached the propellers.
-    #[must_use]
-    pub fn demand(&self) -> &Forces {
-        &self.demand
     }
 
     /// Sets the share of its force that a thruster (from 0) gives; false when there is no such thruster.

@@ -68,19 +68,7 @@ impl Shadow {
     /// Of this plant.
     #[must_use]
     pub fn new(plant: Plant) -> Self {
-        Self {
-            truth: ShadowTruth(plant.truth().clone()),
-            plant,
-            residual: Residual::default(),
-            next: None,
-            left_out: 0,
-        }
-    }
-
-    /// Where it is.
-    #[must_use]
-    pub fn truth(&self) -> &Truth {
-        &self.truth.0
+        Self { truth: ShadowTruth(plant.truth.clone()), plant, residual: Residual::default(), next: None, left_out: 0 }
     }
 
     fn compare(&mut self, measured: &Measurements) {
@@ -127,7 +115,7 @@ impl Block for Shadow {
             out = self.plant.step(Tick { k, ..tick }, input.thrust);
         }
         self.next = Some(tick.k + 1);
-        self.truth.0.clone_from(self.plant.truth());
+        self.truth.0.clone_from(&self.plant.truth);
         if let Input::Fresh(measured) = input.measurements {
             self.compare(measured);
         }

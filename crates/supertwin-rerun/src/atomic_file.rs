@@ -18,23 +18,16 @@ pub(crate) fn create<T, E: From<io::Error>>(
     let name = path.file_name().ok_or(io::ErrorKind::IsADirectory).map_err(io::Error::from)?;
     let mut unfinished = name.to_owned();
     unfinished.push(".unfinished");
-    let unfinished = Unfinished(path.with_file_name(unfinished));
-    // Another call may be writing the same file now.
-    let file = File::options().write(true).read(true).create_new(true).open(&unfinished.0).map_err(|error| {
-        let place = unfinished.0.display();
-        match error.kind() {
-            io::ErrorKind::AlreadyExists => io::Error::new(error.kind(), format!("{place} is there: remove it first")),
-            _ => error,
+    let place = path.with_file_name(unfinished);
+    // One that is there is not ours: another call may be writing the same file now.
+    let file = File::options().write(true).read(true).create_new(true).open(&place);
+    let file = file.map_err(|error| match error.kind() {
+        io::ErrorKind::AlreadyExists => {
+            io::Error::new(error.kind(), format!("{} is there: remove it first", place.display()))
         }
-    });
-    let file = match file {
-        Ok(file) => file,
-        Err(error) => {
-            // It is not ours.
-            std::mem::forget(unfinished);
-            return Err(error.into());
-        }
-    };
+        _ => error,
+    })?;
+    let unfinished = Unfinished(place);
     let done = write(file, &unfinished.0)?;
     if overwrite {
         std::fs::rename(&unfinished.0, path)?;

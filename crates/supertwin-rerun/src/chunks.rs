@@ -16,8 +16,8 @@ pub(crate) type Problem = String;
 /// When the rows of a chunk were heard. Cloning shares the numbers.
 #[derive(Clone)]
 pub(crate) struct Times {
-    ticks: ScalarBuffer<i64>,
-    nanos: ScalarBuffer<i64>,
+    pub(crate) ticks: ScalarBuffer<i64>,
+    pub(crate) nanos: ScalarBuffer<i64>,
     /// Clock of the sender and of the recorder, nanoseconds since 1970; a run in one process has none.
     clocks: Option<[ScalarBuffer<i64>; 2]>,
 }
@@ -38,14 +38,6 @@ impl Times {
 
     pub(crate) fn len(&self) -> usize {
         self.ticks.len()
-    }
-
-    pub(crate) fn ticks(&self) -> &[i64] {
-        &self.ticks
-    }
-
-    pub(crate) fn nanos(&self) -> &[i64] {
-        &self.nanos
     }
 
     /// The times of some rows only.
@@ -97,9 +89,8 @@ impl Rows {
     pub(crate) fn into_chunk(self) -> Result<Chunk, Problem> {
         let array = Arc::new(Float64Array::from(self.values));
         let column = SerializedComponentBatch::new(array, rerun::Scalars::descriptor_scalars())
-            .partitioned(std::iter::repeat_n(self.width, self.times.len()))
-            .map_err(text)?;
-        columns(self.entity, self.times, [column])
+            .partitioned(std::iter::repeat_n(self.width, self.times.len()));
+        columns(self.entity, self.times, column.map(|column| [column]))
     }
 }
 
@@ -126,10 +117,8 @@ impl<T> TimedValues<T> {
         self.values.extend(values);
     }
 
-    /// Its times and values, if there are any; leaves nothing behind.
-    pub(crate) fn take(&mut self) -> Option<(Times, Vec<T>)> {
-        let Self { ticks, nanos, clocks, values } = core::mem::take(self);
-        (!ticks.is_empty()).then(|| (Times::new(ticks, nanos).with_clocks(&clocks), values))
+    pub(crate) fn columns(self) -> (Times, Vec<T>) {
+        (Times::new(self.ticks, self.nanos).with_clocks(&self.clocks), self.values)
     }
 }
 
@@ -139,17 +128,18 @@ pub(crate) fn nanos(tick: Tick) -> i64 {
 }
 
 /// Columns of any components over both timelines.
-pub(crate) fn columns(
-    entity: EntityPath,
+pub(crate) fn columns<E: std::fmt::Display>(
+    entity: impl Into<EntityPath>,
     times: Times,
-    components: impl IntoIterator<Item = SerializedComponentColumn>,
+    components: Result<impl IntoIterator<Item = SerializedComponentColumn>, E>,
 ) -> Result<Chunk, Problem> {
     let id = ChunkId::new();
     let first = RowId::from_tuid(*id).next();
     let rows: Vec<_> = (0..times.len() as u64).map(|row| first.incremented_by(row)).collect();
     let timelines = times.columns().map(|column| (*column.timeline().name(), column)).collect();
-    let components = components.into_iter().map(|column| (column.descriptor, column.list_array)).collect();
-    Chunk::from_native_row_ids(id, entity, Some(true), &rows, timelines, components).map_err(text)
+    let components =
+        components.map_err(text)?.into_iter().map(|column| (column.descriptor, column.list_array)).collect();
+    Chunk::from_native_row_ids(id, entity.into(), Some(true), &rows, timelines, components).map_err(text)
 }
 
 /// Something that holds for the whole run.

@@ -2,12 +2,12 @@
 //!
 //! All of them are declared in [`crate::signals`].
 
-use crate::chunks::{Problem, Rows, Times, columns, fixed};
+use crate::chunks::{Problem, Rows, columns, fixed};
 use crate::{signals, style};
 use rerun::log::Chunk;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use supertwin_core::Signal;
-use supertwin_core::run::{Limits, NisGates, Scene};
+use supertwin_core::run::{Limits, Scene};
 use supertwin_core::signal::{Component, controller, estimator, nav, plant, thrust};
 
 /// What changes slowly is written at every so many ticks.
@@ -19,87 +19,71 @@ const SETTLED_NS: i64 = 1_000_000_000;
 /// Beside an innovation whose sensor has no gate.
 const BOUND_STD: f64 = 3.0;
 
-/// A sensor's gate on the normalised innovation squared, if it has one.
-type Gate = fn(&NisGates) -> Option<f64>;
-
 /// An innovation, its predicted standard deviation, and the signal that shows it between its bounds.
 struct Innovation {
     value: Component,
     std: Component,
-    gate: Gate,
     gated: &'static Signal,
     /// The same of a sensor without a gate.
     ungated: Signal,
 }
 
-const fn innovation(
-    from: &'static Signal,
-    value: &'static str,
-    std: &'static str,
-    gate: Gate,
-    gated: &'static Signal,
-) -> Innovation {
+const fn innovation(value: Component, std: Component, gated: &'static Signal) -> Innovation {
     let ungated = Signal {
         path: gated.path,
         components: &["innovation", "3 σ", "3 σ"],
         units: gated.units,
         about: "innovation between three standard deviations",
     };
-    Innovation { value: from.at(value), std: from.at(std), gate, gated, ungated }
+    Innovation { value, std, gated, ungated }
 }
 
-const DVL: Gate = |gates| gates.dvl;
-const DEPTH: Gate = |gates| gates.depth;
-const HEADING: Gate = |gates| gates.heading;
-const YAW_RATE: Gate = |gates| gates.yaw_rate;
+const fn single(from: &'static Signal, gated: &'static Signal) -> Innovation {
+    innovation(from.at("innovation"), from.at("std"), gated)
+}
+
+const fn of_dvl(value: &'static str, std: &'static str, gated: &'static Signal) -> Innovation {
+    innovation(estimator::INNOVATION_DVL.at(value), estimator::INNOVATION_DVL.at(std), gated)
+}
 
 static INNOVATIONS: [Innovation; 6] = [
-    innovation(&estimator::INNOVATION_DVL, "surge", "surge_std", DVL, &signals::INNOVATION_SURGE),
-    innovation(&estimator::INNOVATION_DVL, "sway", "sway_std", DVL, &signals::INNOVATION_SWAY),
-    innovation(&estimator::INNOVATION_DVL, "heave", "heave_std", DVL, &signals::INNOVATION_HEAVE),
-    innovation(&estimator::INNOVATION_DEPTH, "innovation", "std", DEPTH, &signals::INNOVATION_DEPTH),
-    innovation(&estimator::INNOVATION_HEADING, "innovation", "std", HEADING, &signals::INNOVATION_HEADING),
-    innovation(&estimator::INNOVATION_YAW_RATE, "innovation", "std", YAW_RATE, &signals::INNOVATION_YAW_RATE),
+    of_dvl("surge", "surge_std", &signals::INNOVATION_SURGE),
+    of_dvl("sway", "sway_std", &signals::INNOVATION_SWAY),
+    of_dvl("heave", "heave_std", &signals::INNOVATION_HEAVE),
+    single(&estimator::INNOVATION_DEPTH, &signals::INNOVATION_DEPTH),
+    single(&estimator::INNOVATION_HEADING, &signals::INNOVATION_HEADING),
+    single(&estimator::INNOVATION_YAW_RATE, &signals::INNOVATION_YAW_RATE),
 ];
+
+const fn components<const N: usize>(of: &'static Signal, names: [&str; N]) -> [Component; N] {
+    let mut components = [Component { signal: of, index: 0 }; N];
+    let mut i = 0;
+    while i < N {
+        components[i] = of.at(names[i]);
+        i += 1;
+    }
+    components
+}
 
 /// Normalised innovations squared, which stand beside their gate.
-static NIS: [(&[Component], Gate, &Signal); 4] = [
-    (
-        &[
-            estimator::INNOVATION_DVL.at("surge_nis"),
-            estimator::INNOVATION_DVL.at("sway_nis"),
-            estimator::INNOVATION_DVL.at("heave_nis"),
-        ],
-        DVL,
-        &signals::NIS_DVL,
-    ),
-    (&[estimator::INNOVATION_DEPTH.at("nis")], DEPTH, &signals::NIS_DEPTH),
-    (&[estimator::INNOVATION_HEADING.at("nis")], HEADING, &signals::NIS_HEADING),
-    (&[estimator::INNOVATION_YAW_RATE.at("nis")], YAW_RATE, &signals::NIS_YAW_RATE),
+static NIS: [(&[Component], &Signal); 4] = [
+    (&components(&estimator::INNOVATION_DVL, ["surge_nis", "sway_nis", "heave_nis"]), &signals::NIS_DVL),
+    (&components(&estimator::INNOVATION_DEPTH, ["nis"]), &signals::NIS_DEPTH),
+    (&components(&estimator::INNOVATION_HEADING, ["nis"]), &signals::NIS_HEADING),
+    (&components(&estimator::INNOVATION_YAW_RATE, ["nis"]), &signals::NIS_YAW_RATE),
 ];
 
-/// Variances whose roots are shown.
+/// Variances whose roots are shown now and then.
 static VARIANCES: [(&[Component], &Signal); 3] = [
-    (&[nav::VARIANCE.at("depth"), nav::VARIANCE.at("heading")], &signals::STD_POSE),
-    (
-        &[nav::VARIANCE.at("surge"), nav::VARIANCE.at("sway"), nav::VARIANCE.at("heave"), nav::VARIANCE.at("yaw")],
-        &signals::STD_VELOCITY,
-    ),
-    (
-        &[
-            nav::VARIANCE.at("b_surge"),
-            nav::VARIANCE.at("b_sway"),
-            nav::VARIANCE.at("b_heave"),
-            nav::VARIANCE.at("b_yaw"),
-        ],
-        &signals::STD_DISTURBANCE,
-    ),
+    (&components(&nav::VARIANCE, ["depth", "heading"]), &signals::STD_POSE),
+    (&components(&nav::VARIANCE, ["surge", "sway", "heave", "yaw"]), &signals::STD_VELOCITY),
+    (&components(&nav::VARIANCE, ["b_surge", "b_sway", "b_heave", "b_yaw"]), &signals::STD_DISTURBANCE),
 ];
 
-/// Counters that are shown as they are.
+/// Counters that are shown now and then.
 static COUNTERS: [(&[Component], &Signal); 2] = [
-    (&[plant::HEALTH.at("pings_lost")], &signals::PINGS_LOST),
-    (&[estimator::COUNTERS.at("gated"), estimator::COUNTERS.at("restarts")], &signals::REFUSED),
+    (&components(&plant::HEALTH, ["pings_lost"]), &signals::PINGS_LOST),
+    (&components(&estimator::COUNTERS, ["gated", "restarts"]), &signals::REFUSED),
 ];
 
 /// A flag that is also written as a lane of states, which many of can be read at once.
@@ -160,7 +144,7 @@ pub(crate) struct Derived {
 impl Derived {
     pub(crate) fn new(scene: &Scene) -> Self {
         let max_n = scene.thrusters.iter().map(|thruster| thruster.max_n).collect();
-        Self { limits: scene.limits, max_n, ..Self::default() }
+        Self { limits: scene.limits.clone(), max_n, ..Self::default() }
     }
 
     /// What follows from rows of `signal`.
@@ -197,21 +181,21 @@ impl Derived {
         } else if is(&controller::SIGMA) {
             made.extend(self.tolerances(rows));
         } else if signal.path == estimator::NET_PLANE_ACCEPTED.path {
-            made.push(row_by_row(&signals::BEAMS_USED, rows, |used| vec![used.iter().sum()]));
+            made.push(row_by_row(&signals::BEAMS_USED, rows, 1, |used| vec![used.iter().sum()]));
         }
-        let gates = &self.limits.nis_gate;
         for innovation in INNOVATIONS.iter().filter(|innovation| is(innovation.value.signal)) {
-            made.push(innovation.of(rows, gates));
+            made.push(innovation.of(rows, self.limits.nis_gate(signal)));
         }
-        for (squares, gate, shown) in NIS.iter().filter(|(squares, ..)| is(squares[0].signal)) {
-            made.push(row_by_row(shown, rows, |row| pick(squares, row).chain(gate(gates)).collect()));
+        for (squares, shown) in NIS.iter().filter(|(squares, _)| is(squares[0].signal)) {
+            let gate = self.limits.nis_gate(signal);
+            made.push(row_by_row(shown, rows, 1, |row| pick(squares, row).chain(gate).collect()));
         }
         for (variances, shown) in VARIANCES.iter().filter(|(variances, _)| is(variances[0].signal)) {
             let root = |variance: f64| variance.max(0.0).sqrt();
-            made.push(now_and_then(shown, rows, |row| pick(variances, row).map(root).collect()));
+            made.push(row_by_row(shown, rows, EVERY, |row| pick(variances, row).map(root).collect()));
         }
         for (counters, shown) in COUNTERS.iter().filter(|(counters, _)| is(counters[0].signal)) {
-            made.push(now_and_then(shown, rows, |row| pick(counters, row).collect()));
+            made.push(row_by_row(shown, rows, EVERY, |row| pick(counters, row).collect()));
         }
         made
     }
@@ -241,11 +225,10 @@ impl Derived {
 
     fn thrust_share(&mut self, rows: &Rows) -> Made {
         let mut made = Made::new(&signals::THRUST_SHARE, 1);
-        let ticks = rows.times.ticks();
         for (i, forces) in rows.values.chunks_exact(rows.width).enumerate() {
             let shares = forces.iter().zip(&self.max_n).map(|(force, most)| 100.0 * force.abs() / most);
             self.share = shares.fold(self.share, f64::max);
-            if ticks[i] % EVERY == 0 {
+            if rows.times.ticks[i] % EVERY == 0 {
                 made.push(i, &[std::mem::take(&mut self.share)]);
             }
         }
@@ -269,9 +252,7 @@ impl Derived {
             chunks.push(fixed(lane.signal.path, &looks.with_colors(lane.colors))?);
         }
         let changes = rerun::StateChange::update_fields().with_state(states);
-        let changes = changes.columns_of_unit_batches().map_err(crate::chunks::text)?;
-        let times: Times = rows.times.select(&times);
-        chunks.push(columns(lane.signal.path.into(), times, changes)?);
+        chunks.push(columns(lane.signal.path, rows.times.select(&times), changes.columns_of_unit_batches())?);
         Ok(())
     }
 }
@@ -297,19 +278,11 @@ impl Made {
     }
 }
 
-fn row_by_row(signal: &'static Signal, rows: &Rows, value: impl Fn(&[f64]) -> Vec<f64>) -> Made {
+/// A row of every so many ticks.
+fn row_by_row(signal: &'static Signal, rows: &Rows, every: i64, value: impl Fn(&[f64]) -> Vec<f64>) -> Made {
     let mut made = Made::new(signal, 1);
     for (i, row) in rows.values.chunks_exact(rows.width).enumerate() {
-        made.push(i, &value(row));
-    }
-    made
-}
-
-fn now_and_then(signal: &'static Signal, rows: &Rows, value: impl Fn(&[f64]) -> Vec<f64>) -> Made {
-    let mut made = Made::new(signal, 1);
-    let ticks = rows.times.ticks();
-    for (i, row) in rows.values.chunks_exact(rows.width).enumerate() {
-        if ticks[i] % EVERY == 0 {
+        if rows.times.ticks[i] % every == 0 {
             made.push(i, &value(row));
         }
     }
@@ -323,11 +296,10 @@ fn pick<'a>(components: &'a [Component], row: &'a [f64]) -> impl Iterator<Item =
 
 impl Innovation {
     /// The innovation between `±√gate` times its predicted standard deviation.
-    fn of(&'static self, rows: &Rows, gates: &NisGates) -> Made {
-        let gate = (self.gate)(gates);
+    fn of(&'static self, rows: &Rows, gate: Option<f64>) -> Made {
         let mut made = Made::new(if gate.is_some() { self.gated } else { &self.ungated }, 3);
         for (i, row) in rows.values.chunks_exact(rows.width).enumerate() {
-            if rows.times.nanos()[i] >= SETTLED_NS {
+            if rows.times.nanos[i] >= SETTLED_NS {
                 let bound = row[self.std.index] * gate.map_or(BOUND_STD, f64::sqrt);
                 made.push(i, &[row[self.value.index], bound, -bound]);
             }
@@ -353,7 +325,7 @@ impl LastSecond {
         result: impl Fn([f64; 4], f64) -> [f64; 4],
     ) -> Made {
         let mut made = Made::new(signal, 4);
-        let (ticks, nanos) = (rows.times.ticks(), rows.times.nanos());
+        let (ticks, nanos) = (&rows.times.ticks, &rows.times.nanos);
         for (i, row) in rows.values.chunks_exact(4).enumerate() {
             self.parts.push_back((nanos[i], part(core::array::from_fn(|axis| row[axis]))));
             while self.parts.front().is_some_and(|(then, _)| then + WINDOW_NS <= nanos[i]) {

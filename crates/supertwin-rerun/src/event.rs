@@ -32,7 +32,7 @@ pub(crate) fn chunk(service: &str, events: &[(Event, Option<Clocks>)], dt_s: f64
         .partitioned(iter::repeat_n(1, events.len()))
         .map_err(text)?;
     let entity = EntityPath::from_single_string("event").join(&EntityPath::from_single_string(service));
-    let components = log.columns_of_unit_batches().map_err(text)?.chain([data]);
+    let components = log.columns_of_unit_batches().map(|log| log.chain([data]));
     columns(entity, Times::new(ticks, nanos).with_clocks(&clocks), components)
 }
 
@@ -107,7 +107,7 @@ mod tests {
             [fault, r#"command applied: {"estimator":"restart"}"#, asked, "command applied: what?", "net lost"];
         let log = rerun::TextLog::update_fields().with_many_text(sentences).with_many_level(["INFO"; 5]);
         let times = Times::new((0..5).collect(), vec![0; 5]);
-        let old = columns("event/guidance".into(), times, log.columns_of_unit_batches().unwrap()).unwrap();
+        let old = columns("event/guidance", times, log.columns_of_unit_batches()).unwrap();
         let events = read("guidance", &old).unwrap();
         let command = |i: usize| match &events[i].what {
             EventKind::CommandApplied { command } => command.clone(),

@@ -59,8 +59,9 @@ impl From<io::Error> for Foreign {
 pub(crate) struct Frames<F> {
     file: F,
     at: u64,
-    length: u64,
-    header: StreamHeader,
+    /// Bytes of the file.
+    pub(crate) length: u64,
+    pub(crate) header: StreamHeader,
     injector: CachingApplicationIdInjector,
 }
 
@@ -98,16 +99,6 @@ impl<F: Read + Seek> Frames<F> {
             },
         }
         Ok(frames)
-    }
-
-    /// How the file's messages are encoded.
-    pub(crate) fn encoding(&self) -> EncodingOptions {
-        self.header.options
-    }
-
-    /// Bytes of the file.
-    pub(crate) fn length(&self) -> u64 {
-        self.length
     }
 
     /// The next piece and the bytes it takes; `None` after the last.
@@ -191,13 +182,19 @@ impl<F: Read + Seek> Frames<F> {
         self.file.read_exact(bytes)
     }
 
-    /// The header of a message at this place, if it can be one.
-    fn header_at(&mut self, at: u64) -> io::Result<Option<MessageHeader>> {
+    /// The bytes of a header at this place.
+    fn header_bytes(&mut self, at: u64) -> io::Result<Option<[u8; HEADER as usize]>> {
         let mut bytes = [0; HEADER as usize];
         if self.length.checked_sub(at).is_none_or(|left| left < HEADER) {
             return Ok(None);
         }
         self.read_at(at, &mut bytes)?;
+        Ok(Some(bytes))
+    }
+
+    /// The header of a message at this place, if it can be one.
+    fn header_at(&mut self, at: u64) -> io::Result<Option<MessageHeader>> {
+        let Some(bytes) = self.header_bytes(at)? else { return Ok(None) };
         let Some(header) = header(&bytes, self.length - at - HEADER) else { return Ok(None) };
         if header.kind != MessageKind::End {
             return Ok(Some(header));
@@ -214,11 +211,7 @@ impl<F: Read + Seek> Frames<F> {
 
     /// Whether the list at the end of the file begins here and is cut off or damaged: no part of the run.
     fn is_broken_end(&mut self, at: u64) -> io::Result<bool> {
-        let mut bytes = [0; HEADER as usize];
-        if self.length.checked_sub(at).is_none_or(|left| left < HEADER) {
-            return Ok(false);
-        }
-        self.read_at(at, &mut bytes)?;
+        let Some(bytes) = self.header_bytes(at)? else { return Ok(false) };
         let end = header(&bytes, u64::MAX).filter(|header| header.kind == MessageKind::End && header.len > 0);
         let end = end.and_then(|header| at.checked_add(HEADER + FOOTER)?.checked_add(header.len));
         Ok(end.is_some_and(|end| end >= self.length && end - at < MOST_LIST))

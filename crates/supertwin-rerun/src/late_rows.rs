@@ -1,12 +1,14 @@
-//! Rows of ticks that were written without them: what a cut link brings after its end.
+//! Rows that come when they come: what a cut link brings after its end, accounts of steps, states, the exact messages of
+//! wires.
 
 use crate::chunks::{Clocks, Problem, Rows, TimedValues, columns, text};
-use rerun::EntityPath;
+use crate::read::BYTES;
 use rerun::log::Chunk;
+use rerun::{ComponentDescriptor, EntityPath, Loggable as _, SerializedComponentBatch};
 use std::collections::BTreeMap;
 use supertwin_core::{Signal, Tick};
 
-/// What came too late, signal by signal.
+/// What came since the last batch, path by path.
 #[derive(Default)]
 pub(crate) struct LateRows {
     /// Where what is shown belongs to, while it is not the present tick.
@@ -14,6 +16,8 @@ pub(crate) struct LateRows {
     /// Width of a row, and the rows.
     numbers: BTreeMap<&'static str, (usize, TimedValues<f64>)>,
     labels: BTreeMap<&'static str, TimedValues<&'static str>>,
+    pub(crate) texts: BTreeMap<String, TimedValues<String>>,
+    pub(crate) bytes: BTreeMap<String, TimedValues<Vec<u8>>>,
 }
 
 impl LateRows {
@@ -38,14 +42,27 @@ impl LateRows {
     /// Everything so far, as chunks; leaves nothing behind.
     pub(crate) fn chunks(&mut self) -> Result<Vec<Chunk>, Problem> {
         let mut chunks = Vec::new();
-        for (path, (width, mut rows)) in std::mem::take(&mut self.numbers) {
-            let Some((times, values)) = rows.take() else { continue };
+        for (path, (width, rows)) in std::mem::take(&mut self.numbers) {
+            let (times, values) = rows.columns();
             chunks.push(Rows { entity: EntityPath::from(path), times, width, values }.into_chunk()?);
         }
-        for (path, mut rows) in std::mem::take(&mut self.labels) {
-            let Some((times, labels)) = rows.take() else { continue };
+        for (path, rows) in std::mem::take(&mut self.labels) {
+            let (times, labels) = rows.columns();
             let changes = rerun::StateChange::update_fields().with_state(labels);
-            chunks.push(columns(EntityPath::from(path), times, changes.columns_of_unit_batches().map_err(text)?)?);
+            chunks.push(columns(path, times, changes.columns_of_unit_batches())?);
+        }
+        for (path, rows) in std::mem::take(&mut self.texts) {
+            let (times, words) = rows.columns();
+            let documents = rerun::TextDocument::update_fields().with_many_text(words);
+            chunks.push(columns(path, times, documents.columns_of_unit_batches())?);
+        }
+        for (path, rows) in std::mem::take(&mut self.bytes) {
+            let (times, blobs) = rows.columns();
+            let blobs = blobs.into_iter().map(rerun::components::Blob::from);
+            let array = rerun::components::Blob::to_arrow(blobs.map(std::borrow::Cow::Owned)).map_err(text)?;
+            let column = SerializedComponentBatch::new(array, ComponentDescriptor::partial(BYTES))
+                .partitioned(std::iter::repeat_n(1, times.len()));
+            chunks.push(columns(path, times, column.map(|column| [column]))?);
         }
         Ok(chunks)
     }

@@ -47,7 +47,6 @@ pub mod signals;
 pub mod sink;
 pub mod style;
 pub mod table;
-mod text_and_byte_rows;
 mod writer;
 
 pub use chunks::Clocks;

@@ -11,7 +11,7 @@ use rerun::sink::LogSink as _;
 use std::net::{Ipv4Addr, TcpListener};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
 /// Batches that wait for the server before the next one is dropped: some seconds of a vehicle.
 const WAITING: usize = 64;
@@ -23,8 +23,10 @@ const MEMORY: u64 = 256 << 20;
 pub struct Live {
     jobs: SyncSender<(StoreId, Job)>,
     dropped: Arc<AtomicU64>,
-    port: u16,
-    page: Option<String>,
+    /// Port of the server.
+    pub port: u16,
+    /// The page, for people without a viewer.
+    pub page: Option<String>,
     // The page goes with its server, whose type has no public name.
     _web: Option<Arc<dyn core::any::Any + Send + Sync>>,
 }
@@ -37,15 +39,12 @@ impl core::fmt::Debug for Live {
 
 /// A live view could not be served.
 #[derive(Debug, thiserror::Error)]
-pub enum LiveError {
-    /// Somebody else listens there.
-    #[error("port {port} on 127.0.0.1: {cause}")]
-    Port {
-        /// TCP port that the live view was to listen on.
-        port: u16,
-        /// What the system says.
-        cause: String,
-    },
+#[error("port {port} on 127.0.0.1: {cause}")]
+pub struct LiveError {
+    /// TCP port that the live view was to listen on.
+    pub port: u16,
+    /// What the system says.
+    pub cause: String,
 }
 
 impl Live {
@@ -57,7 +56,7 @@ impl Live {
         let port = free(port)?;
         let options =
             rerun::ServerOptions { memory_limit: rerun::MemoryLimit::from_bytes(MEMORY), ..Default::default() };
-        let failed = |port: u16, cause: String| LiveError::Port { port, cause };
+        let failed = |port: u16, cause: String| LiveError { port, cause };
         let server = rerun::grpc_server::GrpcServerSink::new("127.0.0.1", port, options)
             .map_err(|cause| failed(port, cause.to_string()))?;
         let (jobs, inbox) = sync_channel(WAITING);
@@ -88,18 +87,6 @@ impl Live {
         format!("rerun+http://127.0.0.1:{}/proxy", self.port)
     }
 
-    /// The page, for people without a viewer.
-    #[must_use]
-    pub fn page(&self) -> Option<&str> {
-        self.page.as_deref()
-    }
-
-    /// Port of the server.
-    #[must_use]
-    pub fn port(&self) -> u16 {
-        self.port
-    }
-
     /// Batches that were dropped because viewers were too slow.
     #[must_use]
     pub fn dropped(&self) -> u64 {
@@ -108,11 +95,8 @@ impl Live {
 
     /// Hands over a job; never waits.
     pub(crate) fn offer(&self, store: &StoreId, job: Job) {
-        match self.jobs.try_send((store.clone(), job)) {
-            Ok(()) => {}
-            Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) => {
-                self.dropped.fetch_add(1, Ordering::Relaxed);
-            }
+        if self.jobs.try_send((store.clone(), job)).is_err() {
+            self.dropped.fetch_add(1, Ordering::Relaxed);
         }
     }
 }
@@ -122,7 +106,7 @@ fn free(port: u16) -> Result<u16, LiveError> {
     TcpListener::bind((Ipv4Addr::LOCALHOST, port))
         .and_then(|listener| listener.local_addr())
         .map(|address| address.port())
-        .map_err(|cause| LiveError::Port { port, cause: cause.to_string() })
+        .map_err(|cause| LiveError { port, cause: cause.to_string() })
 }
 
 fn feed(inbox: &Receiver<(StoreId, Job)>, send: impl Fn(LogMsg)) {

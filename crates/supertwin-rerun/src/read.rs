@@ -25,7 +25,7 @@ pub const BYTES: &str = "bytes";
 /// What was recorded.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Recording {
-    /// What it says of the run.
+    /// The run, as far as it is there.
     pub run: RecordedRun,
     /// How many rows every entity has, drawings included; of those that were read.
     pub rows: BTreeMap<String, usize>,
@@ -77,35 +77,19 @@ pub enum ReadError {
         /// Path of the file as it was given.
         path: PathBuf,
     },
-    /// The file is something else.
-    #[error("{}: not a recording: {problem}", path.display())]
+    /// The file is something else: no recording, one of another program, or of a later version of this one.
+    #[error("{}: {problem}", path.display())]
     Foreign {
         /// Path of the file as it was given.
         path: PathBuf,
         /// What there is instead.
         problem: String,
     },
-    /// A recording of another program.
-    #[error("{}: a recording of {application:?}, must be one of {APPLICATION:?}", path.display())]
-    Application {
-        /// Path of the file as it was given.
-        path: PathBuf,
-        /// Whose it is.
-        application: String,
-    },
     /// Several runs side by side.
     #[error("{}: a comparison, not a recording of a run; open it with `rerun {}`", path.display(), path.display())]
     Comparison {
         /// Path of the file as it was given.
         path: PathBuf,
-    },
-    /// Written by a later version of this program.
-    #[error("{}: format = {format}: must be at most {FORMAT}; a newer supertwin wrote this", path.display())]
-    Newer {
-        /// Path of the file as it was given.
-        path: PathBuf,
-        /// Number of the recording format, newer than this program reads.
-        format: u64,
     },
 }
 
@@ -226,7 +210,9 @@ pub(crate) fn open(path: &Path) -> Result<Frames<File>, ReadError> {
     }
     Frames::open(file).map_err(|foreign| match foreign {
         Foreign::Empty => ReadError::Empty { path: path.to_owned() },
-        Foreign::Other(problem) => ReadError::Foreign { path: path.to_owned(), problem },
+        Foreign::Other(problem) => {
+            ReadError::Foreign { path: path.to_owned(), problem: format!("not a recording: {problem}") }
+        }
         Foreign::Io(error) => failed(error),
     })
 }
@@ -272,7 +258,7 @@ impl Reader<'_> {
             }
         }
         if manifests.is_none() {
-            let from = frames.length();
+            let from = frames.length;
             self.lost(path, from..from, "not closed: the writer was killed, or the end of the file is gone".to_owned());
         }
         Ok(())
@@ -281,10 +267,11 @@ impl Reader<'_> {
     /// The run that most of what was found belongs to; the rest is damage.
     fn run(mut self, paths: &[PathBuf]) -> Result<(Recording, Vec<Chunk>), ReadError> {
         let path = || paths.first().cloned().unwrap_or_default();
+        let foreign = |problem: String| ReadError::Foreign { path: path(), problem };
         let most = (0..self.stores.len()).max_by_key(|&i| (self.stores[i].chunks, std::cmp::Reverse(i)));
         let Some(most) = most else {
             if self.damage.is_empty() {
-                return Err(ReadError::Foreign { path: path(), problem: "there is no run in it".to_owned() });
+                return Err(foreign("not a recording: there is no run in it".to_owned()));
             }
             return Ok((Recording { damage: self.damage, ..Recording::default() }, Vec::new()));
         };
@@ -294,7 +281,7 @@ impl Reader<'_> {
             return Err(ReadError::Comparison { path: path() });
         }
         if application != APPLICATION {
-            return Err(ReadError::Application { path: path(), application: application.to_owned() });
+            return Err(foreign(format!("a recording of {application:?}, must be one of {APPLICATION:?}")));
         }
         for store in std::mem::take(&mut self.stores) {
             let (application, name) = (store.id.application_id().as_str(), store.id.recording_id().as_str());
@@ -302,11 +289,10 @@ impl Reader<'_> {
                 self.lost(&path, place, format!("part of another run, {application:?} {name:?}"));
             }
         }
-        let format = run.recording.properties.get("run").and_then(|run| run.get("format"));
-        if let Some(&Property::Integer(format)) = format
+        if let Some(&Property::Integer(format)) = run.recording.property("run", "format")
             && format > FORMAT
         {
-            return Err(ReadError::Newer { path: path(), format });
+            return Err(foreign(format!("format = {format}: must be at most {FORMAT}; a newer supertwin wrote this")));
         }
         let mut recording = run.recording;
         recording.damage = self.damage;

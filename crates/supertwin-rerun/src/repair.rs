@@ -3,7 +3,7 @@
 use crate::frames::Piece;
 use crate::read::{self, Damage, ReadError, Recording};
 use crate::{APPLICATION, atomic_file};
-use rerun::external::re_log_encoding::{Encoder, EncodingOptions};
+use rerun::external::re_log_encoding::Encoder;
 use rerun::external::re_log_types::{SetStoreInfo, StoreInfo, StoreSource};
 use rerun::log::{LogMsg, RowId};
 use rerun::{StoreId, StoreKind};
@@ -53,22 +53,9 @@ pub enum RepairError {
         /// The damaged file.
         path: PathBuf,
     },
-    /// The repaired file can't be written.
-    #[error("{}: {error}", path.display())]
-    Write {
-        /// The repaired file.
-        path: PathBuf,
-        /// What the system or the parser reported.
-        error: io::Error,
-    },
-    /// What was written does not read as what was saved.
-    #[error("{}: the repaired file is not what was saved: {problem}; nothing was kept", path.display())]
-    Verify {
-        /// The repaired file.
-        path: PathBuf,
-        /// How it differs.
-        problem: String,
-    },
+    /// The repaired file can't be written, or does not read as what was saved.
+    #[error("{0}")]
+    Write(String),
 }
 
 /// Writes what can be read of the recording `from` to `to`, and reads it back.
@@ -104,36 +91,28 @@ pub fn repair(from: &Path, to: &Path, overwrite: bool) -> Result<Repair, RepairE
         file.into_inner().map_err(io::IntoInnerError::into_error)?.sync_all()?;
         verify(&saved, unfinished)
     })
-    .map_err(|problem| match problem {
-        Problem::Read(error) => RepairError::Read(error),
-        Problem::Write(error) => RepairError::Write { path: to.to_owned(), error },
-        Problem::Verify(problem) => RepairError::Verify { path: to.to_owned(), problem },
+    .map_err(|error| match error {
+        RepairError::Write(cause) => RepairError::Write(format!("{}: {cause}", to.display())),
+        other => other,
     })?;
     Ok(repair)
 }
 
-/// What can go wrong on the way.
-enum Problem {
-    Read(ReadError),
-    Write(io::Error),
-    Verify(String),
-}
-
-impl From<io::Error> for Problem {
+impl From<io::Error> for RepairError {
     fn from(error: io::Error) -> Self {
-        Self::Write(error)
+        Self::Write(error.to_string())
     }
 }
 
 /// Ticks that should follow the last one, and whether the run says that it ended.
 fn after(from: &Path, saved: &Recording) -> Result<(Option<u64>, bool), ReadError> {
-    let number = |name: &str| match saved.properties.get("run")?.get(name)? {
+    let number = |name: &str| match saved.property("run", name)? {
         Property::Number(number) if *number > 0.0 => Some(*number),
         _ => None,
     };
     let there = saved.last_tick().map_or(0, |tick| tick.max(-1).wrapping_add(1) as u64);
     let several = read::is_one_of_several(from)?;
-    let ended = match saved.properties.get("result").and_then(|result| result.get("ticks")) {
+    let ended = match saved.property("result", "ticks") {
         Some(Property::Integer(ticks)) => Some(*ticks),
         _ => None,
     };
@@ -151,11 +130,12 @@ fn behind(saved: &Recording) -> usize {
 }
 
 /// Every message that was read, encoded as it was.
-fn copy(from: &Path, damage: &[Damage], to: impl Write) -> Result<(), Problem> {
+fn copy(from: &Path, damage: &[Damage], to: impl Write) -> Result<(), RepairError> {
     let lost: BTreeSet<u64> = damage.iter().filter(|damage| damage.bytes > 0).map(|damage| damage.from).collect();
-    let read = |error| Problem::Read(ReadError::File { path: from.to_owned(), error });
-    let mut frames = read::open(from).map_err(Problem::Read)?;
-    let mut encoder = encoder(frames.encoding(), to)?;
+    let read = |error| RepairError::Read(ReadError::File { path: from.to_owned(), error });
+    let mut frames = read::open(from)?;
+    let version = rerun::build_info().version;
+    let mut encoder = Encoder::new_eager(version, frames.header.options, to).map_err(encoding)?;
     let mut introduced = BTreeSet::<StoreId>::new();
     while let Some((place, piece)) = frames.next().map_err(read)? {
         let (Piece::Chunk(message, _) | Piece::Message(message)) = piece else { continue };
@@ -179,27 +159,27 @@ fn copy(from: &Path, damage: &[Damage], to: impl Write) -> Result<(), Problem> {
     encoder.flush_blocking().map_err(encoding)
 }
 
-fn encoder<W: Write>(options: EncodingOptions, to: W) -> Result<Encoder<W>, Problem> {
-    Encoder::new_eager(rerun::build_info().version, options, to).map_err(encoding)
-}
-
-fn append(encoder: &mut Encoder<impl Write>, message: &LogMsg) -> Result<(), Problem> {
+fn append(encoder: &mut Encoder<impl Write>, message: &LogMsg) -> Result<(), RepairError> {
     encoder.append(message).map_err(encoding).map(drop)
 }
 
-fn encoding(error: impl std::fmt::Display) -> Problem {
-    Problem::Write(io::Error::other(error.to_string()))
+fn encoding(error: impl std::fmt::Display) -> RepairError {
+    RepairError::Write(error.to_string())
 }
 
 /// The file is whole and has everything that was saved.
-fn verify(saved: &Recording, path: &Path) -> Result<(), Problem> {
-    let mut repaired = read::read_parts(&[path.to_owned()], &|_| true).map_err(Problem::Read)?;
+fn verify(saved: &Recording, path: &Path) -> Result<(), RepairError> {
+    let another = |problem: &str| {
+        let problem = format!("the repaired file is not what was saved: {problem}; nothing was kept");
+        Err(RepairError::Write(problem))
+    };
+    let mut repaired = read::read_parts(&[path.to_owned()], &|_| true)?;
     if let Some(damage) = repaired.damage.first() {
-        return Err(Problem::Verify(damage.to_string()));
+        return another(&damage.to_string());
     }
     repaired.damage.clone_from(&saved.damage);
     repaired.complete = saved.complete;
-    if same(&repaired, saved) { Ok(()) } else { Err(Problem::Verify("its content is another".to_owned())) }
+    if same(&repaired, saved) { Ok(()) } else { another("its content is another") }
 }
 
 /// Equal in every bit; NaN is equal to itself.

@@ -1,6 +1,6 @@
 //! The picture in three dimensions: net, vehicle with its thrusters, its path, the beams of its DVL, the current.
 
-use crate::chunks::{Problem, Rows, Times, columns, fixed, text};
+use crate::chunks::{Problem, Rows, columns, fixed};
 use crate::style;
 use rerun::log::Chunk;
 use supertwin_core::Signal;
@@ -141,22 +141,14 @@ impl Scene {
         let transforms = rerun::Transform3D::update_fields()
             .with_many_translation(poses.iter().map(place))
             .with_many_quaternion(poses.iter().map(turn));
-        chunks.push(columns(
-            "world/vehicle".into(),
-            rows.times.select(&kept),
-            transforms.columns_of_unit_batches().map_err(text)?,
-        )?);
+        chunks.push(columns("world/vehicle", rows.times.select(&kept), transforms.columns_of_unit_batches())?);
         // The current goes along, but does not turn with the vehicle.
         let above = |pose: &&[f64]| {
             let [north, east, depth] = PLACE.map(|part| pose[part.index]);
             [narrow(north), narrow(east), narrow(depth - CURRENT_ABOVE_M)]
         };
         let along = rerun::Transform3D::update_fields().with_many_translation(poses.iter().map(above));
-        chunks.push(columns(
-            "world/current".into(),
-            rows.times.select(&kept),
-            along.columns_of_unit_batches().map_err(text)?,
-        )?);
+        chunks.push(columns("world/current", rows.times.select(&kept), along.columns_of_unit_batches())?);
 
         let (mut strips, mut ends) = (Vec::new(), Vec::new());
         for (&row, pose) in kept.iter().zip(&poses) {
@@ -172,11 +164,7 @@ impl Scene {
             let path = rerun::LineStrips3D::new(strips)
                 .with_colors(std::iter::repeat_n(PATH_COLOR, n))
                 .with_radii(std::iter::repeat_n(rerun::Radius::new_ui_points(1.5), n));
-            chunks.push(columns(
-                "world/path".into(),
-                rows.times.select(&ends),
-                path.columns_of_unit_batches().map_err(text)?,
-            )?);
+            chunks.push(columns("world/path", rows.times.select(&ends), path.columns_of_unit_batches())?);
         }
         Ok(chunks)
     }
@@ -187,13 +175,11 @@ impl Scene {
         let strips = beams.map(|(beam, &range)| [[0.0; 3], beam.map(|x| narrow(x * range.max(0.0)))]);
         let strips = rerun::LineStrips3D::update_fields().with_strips(strips);
         let n = rows.times.len();
-        let entity = || "world/vehicle/beams".into();
-        let lines = strips.columns(std::iter::repeat_n(4, n)).map_err(text)?;
-        let mut chunks = vec![columns(entity(), rows.times.clone(), lines)?];
+        let entity = "world/vehicle/beams";
+        let mut chunks = vec![columns(entity, rows.times.clone(), strips.columns(std::iter::repeat_n(4, n)))?];
         if std::mem::take(&mut self.unjudged) && n > 0 {
             let plain = rerun::LineStrips3D::update_fields().with_colors([style::BEAM; 4]);
-            let first: Times = rows.times.select(&[0]);
-            chunks.push(columns(entity(), first, plain.columns([4]).map_err(text)?)?);
+            chunks.push(columns(entity, rows.times.select(&[0]), plain.columns([4]))?);
         }
         Ok(chunks)
     }
@@ -203,8 +189,8 @@ impl Scene {
         self.unjudged = false;
         let colors = rows.values.iter().map(|&used| if used > 0.5 { style::ACCEPTED } else { style::REJECTED });
         let colors = rerun::LineStrips3D::update_fields().with_colors(colors);
-        let colors = colors.columns(std::iter::repeat_n(4, rows.times.len())).map_err(text)?;
-        Ok(vec![columns("world/vehicle/beams".into(), rows.times.clone(), colors)?])
+        let colors = colors.columns(std::iter::repeat_n(4, rows.times.len()));
+        Ok(vec![columns("world/vehicle/beams", rows.times.clone(), colors)?])
     }
 
     /// The force of every thruster, where it acts.
@@ -214,8 +200,8 @@ impl Scene {
         let arrows = forces.zip(self.thrusters.iter().cycle());
         let arrows = arrows.map(|(force, direction)| direction.map(|x| narrow(x * force * METRES_PER_NEWTON)));
         let arrows = rerun::Arrows3D::update_fields().with_vectors(arrows);
-        let arrows = arrows.columns(std::iter::repeat_n(rows.width, kept.len())).map_err(text)?;
-        Ok(vec![columns("world/vehicle/thrust".into(), rows.times.select(&kept), arrows)?])
+        let arrows = arrows.columns(std::iter::repeat_n(rows.width, kept.len()));
+        Ok(vec![columns("world/vehicle/thrust", rows.times.select(&kept), arrows)?])
     }
 }
 
@@ -227,13 +213,13 @@ fn flows(rows: &Rows) -> Result<Vec<Chunk>, Problem> {
         [0, 1, 2].map(|axis| narrow(row[axis] * METRES_PER_SPEED))
     });
     let arrows = rerun::Arrows3D::update_fields().with_vectors(arrows);
-    let arrows = arrows.columns_of_unit_batches().map_err(text)?;
-    Ok(vec![columns("world/current".into(), rows.times.select(&kept), arrows)?])
+    let arrows = arrows.columns_of_unit_batches();
+    Ok(vec![columns("world/current", rows.times.select(&kept), arrows)?])
 }
 
 /// Places of the rows at which the picture moves.
 fn now_and_then(rows: &Rows) -> Vec<u32> {
-    let ticks = rows.times.ticks();
+    let ticks = &rows.times.ticks;
     (0..rows.times.len() as u32).filter(|&i| ticks[i as usize] % MOVE_EVERY == 0).collect()
 }
 

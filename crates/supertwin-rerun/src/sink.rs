@@ -7,10 +7,9 @@ use crate::derived::Derived;
 use crate::late_rows::LateRows;
 use crate::live::Live;
 use crate::scene::Scene;
-use crate::text_and_byte_rows::TextAndByteRows;
 use crate::writer::{Job, Writer};
 use crate::{blueprint, event, read, style};
-use batch::{Column, Slots, Track, times_of};
+use batch::{Column, Track, times_of};
 use rerun::external::arrow::array::{Float64Array, UInt64Array};
 use rerun::external::re_log_encoding::EncodingOptions;
 use rerun::external::re_log_types::{SetStoreInfo, StoreInfo, StoreSource};
@@ -22,6 +21,7 @@ use std::fs::File;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use supertwin_core::observe::Slots;
 use supertwin_core::run::Properties;
 use supertwin_core::{Event, Probe, Property, RunHeader, RunSink, Signal, SinkError, Tick};
 
@@ -64,7 +64,6 @@ pub struct RerunSink {
     vectors: Slots<Column>,
     labels: Slots<Track>,
     events: BTreeMap<Cow<'static, str>, Vec<(Event, Option<Clocks>)>>,
-    notes: BTreeMap<String, TextAndByteRows>,
     late_rows: LateRows,
     scene: Scene,
     derived: Derived,
@@ -141,7 +140,6 @@ impl RerunSink {
             vectors: Slots::default(),
             labels: Slots::default(),
             events: BTreeMap::new(),
-            notes: BTreeMap::new(),
             late_rows: LateRows::default(),
             scene: Scene::default(),
             derived: Derived::default(),
@@ -243,16 +241,12 @@ impl RerunSink {
 
     /// Words at `path`, such as the account of a step or a state, at any tick.
     pub fn text(&mut self, path: &str, tick: Tick, clocks: Clocks, words: String) {
-        self.note(path).add_text(tick, clocks, words);
+        self.late_rows.texts.entry(path.to_owned()).or_default().add(tick, clocks, [words]);
     }
 
     /// The exact bytes of a message at `path`, at any tick.
     pub fn bytes(&mut self, path: &str, tick: Tick, clocks: Clocks, bytes: Vec<u8>) {
-        self.note(path).add_bytes(tick, clocks, bytes);
-    }
-
-    fn note(&mut self, path: &str) -> &mut TextAndByteRows {
-        self.notes.entry(path.to_owned()).or_default()
+        self.late_rows.bytes.entry(path.to_owned()).or_default().add(tick, clocks, [bytes]);
     }
 
     /// Hands what was heard so far to the file, without waiting for a batch to be full: what a crash can't take.
@@ -320,16 +314,13 @@ impl RerunSink {
                 jobs.push(Job::Chunk(fixed(track.entity.clone(), &style::states(&track.known))?));
             }
             let changes = rerun::StateChange::update_fields().with_state(std::mem::take(&mut track.changes));
-            let changes = changes.columns_of_unit_batches().map_err(text)?;
+            let changes = changes.columns_of_unit_batches();
             jobs.push(Job::Chunk(columns(track.entity.clone(), every.select(&track.rows), changes)?));
             track.rows.clear();
         }
         let dt_s = self.last_tick.map_or(0.0, |tick| tick.dt_s);
         for (service, events) in std::mem::take(&mut self.events) {
             jobs.push(Job::Chunk(event::chunk(&service, &events, dt_s)?));
-        }
-        for (path, notes) in &mut self.notes {
-            jobs.extend(notes.chunks(path)?.into_iter().map(Job::Chunk));
         }
         jobs.extend(self.late_rows.chunks()?.into_iter().map(Job::Chunk));
         jobs.extend(derived);
@@ -388,8 +379,7 @@ impl Probe for RerunSink {
         if row.is_none() && self.late_rows.at.is_none() {
             return self.fail(|| format!("{} is shown before the first tick", signal.path));
         }
-        let at = self.labels.find(signal).unwrap_or_else(|| self.labels.insert(signal, Track::new(signal)));
-        let track = &mut self.labels.slots[at].1;
+        let track = self.labels.get_or_insert_with(signal, || Track::new(signal));
         if track.last == Some(value) {
             return;
         }

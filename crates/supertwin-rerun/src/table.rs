@@ -12,6 +12,7 @@ use parquet::file::properties::WriterProperties;
 use rerun::external::arrow::array::{
     Array, ArrayRef, BooleanArray, Float64Array, RecordBatch, StringArray, UInt64Array,
 };
+use rerun::external::arrow::compute::concat_batches;
 use rerun::external::arrow::datatypes::{DataType, Field, Schema};
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -71,29 +72,15 @@ impl Column {
         }
     }
 
-    /// An empty column of the kind that `data_type` stands for; `None` when it is none of ours.
-    fn empty(data_type: &DataType) -> Option<Self> {
-        Some(match data_type {
-            DataType::Float64 => Self::Number(Vec::new()),
-            DataType::UInt64 => Self::Count(Vec::new()),
-            DataType::Utf8 => Self::Text(Vec::new()),
-            DataType::Boolean => Self::Flag(Vec::new()),
-            _ => return None,
-        })
-    }
-
-    /// Appends a batch; false when it is of another kind.
-    fn extend(&mut self, array: &dyn Array) -> bool {
+    /// `None` when the array is of none of our kinds.
+    fn of(array: &dyn Array) -> Option<Self> {
         let any = array.as_any();
-        match self {
-            Self::Number(values) => any.downcast_ref::<Float64Array>().map(|array| values.extend(array)).is_some(),
-            Self::Count(values) => any.downcast_ref::<UInt64Array>().map(|array| values.extend(array)).is_some(),
-            Self::Text(values) => any
-                .downcast_ref::<StringArray>()
-                .map(|array| values.extend(array.iter().map(|value| value.map(str::to_owned))))
-                .is_some(),
-            Self::Flag(values) => any.downcast_ref::<BooleanArray>().map(|array| values.extend(array)).is_some(),
-        }
+        let number = any.downcast_ref::<Float64Array>().map(|array| Self::Number(array.iter().collect()));
+        let count = || any.downcast_ref::<UInt64Array>().map(|array| Self::Count(array.iter().collect()));
+        let owned = |array: &StringArray| array.iter().map(|value| value.map(str::to_owned)).collect();
+        let text = || any.downcast_ref::<StringArray>().map(|array| Self::Text(owned(array)));
+        let flag = || any.downcast_ref::<BooleanArray>().map(|array| Self::Flag(array.iter().collect()));
+        number.or_else(count).or_else(text).or_else(flag)
     }
 }
 
@@ -116,18 +103,10 @@ pub enum TableError {
         /// The broken rule.
         rule: String,
     },
-    /// The file can't be written.
-    #[error("{}: {error}", path.display())]
-    Write {
-        /// Path of the file as it was given.
-        path: PathBuf,
-        /// What the system or the parser reported.
-        error: io::Error,
-    },
-    /// The file can't be read, or is no such table.
+    /// The file can't be written, or is no table.
     #[error("{}: {cause}", path.display())]
-    Read {
-        /// Path of the file as it was given.
+    File {
+        /// The table's file.
         path: PathBuf,
         /// What the system or the parser reported.
         cause: String,
@@ -175,8 +154,8 @@ impl Table {
     /// # Errors
     /// When the file exists or can't be written.
     pub fn write(&self, path: &Path, overwrite: bool) -> Result<(), TableError> {
-        atomic_file::create(path, overwrite, |file, _| self.put(file))
-            .map_err(|error: io::Error| TableError::Write { path: path.to_owned(), error })
+        let written: io::Result<()> = atomic_file::create(path, overwrite, |file, _| self.put(file));
+        written.map_err(|error| TableError::File { path: path.to_owned(), cause: error.to_string() })
     }
 
     fn put(&self, file: File) -> io::Result<()> {
@@ -204,7 +183,7 @@ impl Table {
     /// # Errors
     /// When it can't be read, is no Parquet file, or has a column of another kind.
     pub fn read(path: &Path) -> Result<Self, TableError> {
-        let wrong = |cause: String| TableError::Read { path: path.to_owned(), cause };
+        let wrong = |cause: String| TableError::File { path: path.to_owned(), cause };
         let file = File::open(path).map_err(|error| wrong(error.to_string()))?;
         let builder = ParquetRecordBatchReaderBuilder::try_new(file).map_err(|error| wrong(error.to_string()))?;
         let metadata = builder.metadata().file_metadata().key_value_metadata();
@@ -214,20 +193,17 @@ impl Table {
             .map(|pair| (pair.key.clone(), pair.value.clone().unwrap_or_default()))
             .filter(|(name, _)| name != parquet::arrow::ARROW_SCHEMA_META_KEY)
             .collect();
+        let schema = Arc::clone(builder.schema());
+        let reader = builder.build().map_err(|error| wrong(error.to_string()))?;
+        let batches: Result<Vec<_>, _> = reader.collect();
+        let all = batches.and_then(|batches| concat_batches(&schema, &batches));
+        let all = all.map_err(|error| wrong(error.to_string()))?;
         let mut columns = Vec::new();
-        for field in builder.schema().fields() {
+        for (field, array) in schema.fields().iter().zip(all.columns()) {
             let (name, kind) = (field.name(), field.data_type());
-            let column = Column::empty(kind)
-                .ok_or_else(|| wrong(format!("column {name} is of type {kind}: not one of ours")))?;
-            columns.push((name.clone(), column));
-        }
-        for batch in builder.build().map_err(|error| wrong(error.to_string()))? {
-            let batch = batch.map_err(|error| wrong(error.to_string()))?;
-            for ((name, column), array) in columns.iter_mut().zip(batch.columns()) {
-                if !column.extend(array) {
-                    return Err(wrong(format!("column {name} changes its type to {}", array.data_type())));
-                }
-            }
+            let column = Column::of(array);
+            let none = || wrong(format!("column {name} is of type {kind}: not one of ours"));
+            columns.push((name.clone(), column.ok_or_else(none)?));
         }
         Ok(Self { about, columns })
     }
@@ -277,18 +253,6 @@ mod tests {
             panic!("not a column of numbers")
         };
         assert!(read[0].is_some_and(f64::is_nan) && read[1].is_none() && read[2] == Some(f64::INFINITY), "{read:?}");
-    }
-
-    #[test]
-    fn nothing_is_replaced_unless_asked_for() {
-        let folder = tempfile::tempdir().expect("a folder");
-        let path = folder.path().join("table.parquet");
-        std::fs::write(&path, "mine").expect("is written");
-        let refused = sample().write(&path, false).expect_err("exists").to_string();
-        assert!(refused.contains("table.parquet") && refused.contains("exists already; use --force"), "{refused}");
-        assert_eq!(std::fs::read(&path).expect("there"), b"mine");
-        sample().write(&path, true).expect("is replaced");
-        assert_eq!(std::fs::read_dir(folder.path()).expect("a folder").count(), 1, "no rest");
     }
 
     #[test]

@@ -236,7 +236,7 @@ fn innovations_stand_between_their_gates_and_flags_become_lanes() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.rrd");
     let mut header = header("gates");
-    header.scene.limits.nis_gate.heading = Some(25.0);
+    header.scene.limits.nis_gates = vec![(&estimator::INNOVATION_HEADING, 25.0)];
     let mut sink = create(&path);
     sink.begin(&header).unwrap();
     for k in 0..300 {

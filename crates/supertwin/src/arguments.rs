@@ -71,7 +71,7 @@ impl LinkArguments {
         mode: Option<&'static str>,
         vehicle: Option<&str>,
     ) -> Link {
-        let shipped = |role: &str| Some(library.root().join("zenoh").join(format!("{role}.json5")));
+        let shipped = |role: &str| Some(library.root.join("zenoh").join(format!("{role}.json5")));
         let file: Option<PathBuf> = self.zenoh.clone().or_else(|| shipped(role).filter(|path| Path::exists(path)));
         Link {
             file,

@@ -36,7 +36,7 @@ pub const THRUSTER_NAMES: &[&str; MAX_THRUSTERS] = &["t1", "t2", "t3", "t4", "t5
 pub type PerThruster = ArrayVec<f64, MAX_THRUSTERS>;
 
 /// A value that crosses a process boundary, and the one key it travels on.
-pub trait Message: Observe + Serialize + DeserializeOwned + Clone + Send + 'static {
+pub trait Message: Observe + Serialize + DeserializeOwned + Clone + Send + Sync + 'static {
     /// Key relative to the vehicle's namespace.
     const KEY: &'static str;
     /// No number in it is NaN or infinite. Nothing else may leave a service.

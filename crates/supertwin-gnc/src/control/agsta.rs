@@ -71,7 +71,8 @@ pub struct AgstaConfig {
 /// The law at work.
 #[derive(Clone, Debug)]
 pub struct Agsta {
-    twisting: SuperTwisting,
+    /// The algorithm's state.
+    pub twisting: SuperTwisting,
     rate: Vector4<f64>,
     alpha_tol: Vector4<f64>,
     epsilon: Vector4<f64>,
@@ -189,12 +190,6 @@ impl Agsta {
                 SecondGain::Integrated => self.twisting.k2[i] += h_s * second,
             }
         }
-    }
-
-    /// The algorithm's state.
-    #[must_use]
-    pub fn twisting(&self) -> &SuperTwisting {
-        &self.twisting
     }
 }
 

@@ -126,7 +126,8 @@ pub struct Controller {
     wants_none: bool,
     /// The law has not steered at the tick before and takes over from what was applied.
     taking_over: bool,
-    status: Status,
+    /// What the controller is doing.
+    pub status: Status,
     error: TrackingError,
     non_finite: u32,
 }
@@ -179,12 +180,6 @@ impl Controller {
         self.laws.iter().map(|candidate| &candidate.law)
     }
 
-    /// What the controller is doing.
-    #[must_use]
-    pub fn status(&self) -> Status {
-        self.status
-    }
-
     /// The name of the law in command.
     #[must_use]
     pub fn law_name(&self) -> &str {
@@ -221,7 +216,7 @@ impl Controller {
     fn thrust(&self, tau: &Vector4<f64>) -> Thrust {
         let allocated = self.allocation.allocate(tau);
         Thrust {
-            force_n: allocated.force_n.iter().take(self.allocation.count()).copied().collect(),
+            force_n: allocated.force_n.iter().take(self.allocation.thrusters.count()).copied().collect(),
             requested: (*tau).into(),
             allocated: allocated.wrench.into(),
             limited: allocated.limited.into(),

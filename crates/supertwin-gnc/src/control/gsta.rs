@@ -31,7 +31,8 @@ pub struct GstaConfig {
 /// The law at work.
 #[derive(Clone, Debug)]
 pub struct Gsta {
-    twisting: SuperTwisting,
+    /// The algorithm's state.
+    pub twisting: SuperTwisting,
 }
 
 impl ControlLaw for Gsta {
@@ -67,14 +68,6 @@ impl ControlLaw for Gsta {
 
     fn sample(&self) -> LawSample {
         self.twisting.sample()
-    }
-}
-
-impl Gsta {
-    /// The algorithm's state.
-    #[must_use]
-    pub fn twisting(&self) -> &SuperTwisting {
-        &self.twisting
     }
 }
 

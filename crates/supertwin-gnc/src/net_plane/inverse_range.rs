@@ -35,11 +35,13 @@ pub struct InverseRangeConfig {
 pub struct InverseRange {
     config: InverseRangeConfig,
     array: SonarArray,
-    a: Vector3<f64>,
+    /// The plane.
+    pub a: Vector3<f64>,
     P: Matrix3<f64>,
     known: bool,
     bad_pings: u32,
-    report: PingReport,
+    /// What the last ping said.
+    pub report: PingReport,
 }
 
 impl InverseRange {
@@ -179,17 +181,5 @@ impl InverseRange {
     pub fn restart(&mut self) {
         self.known = false;
         self.bad_pings = 0;
-    }
-
-    /// What the last ping said.
-    #[must_use]
-    pub fn report(&self) -> &PingReport {
-        &self.report
-    }
-
-    /// The plane.
-    #[must_use]
-    pub fn a(&self) -> &Vector3<f64> {
-        &self.a
     }
 }

@@ -101,8 +101,8 @@ impl NetPlane {
     #[must_use]
     pub fn report(&self) -> &PingReport {
         match self {
-            Self::RateGated(fit) => fit.report(),
-            Self::InverseRange(filter) => filter.report(),
+            Self::RateGated(fit) => &fit.report,
+            Self::InverseRange(filter) => &filter.report,
         }
     }
 }
@@ -132,7 +132,7 @@ impl Observe for NetPlane {
                 let (distance_m, heading_rad, rejections) = fit.state();
                 probe.vector(&signal::estimator::NET_PLANE_FIT, &[distance_m, heading_rad, f64::from(rejections)]);
             }
-            Self::InverseRange(filter) => probe.vector(&signal::estimator::NET_PLANE_STATE, filter.a().as_slice()),
+            Self::InverseRange(filter) => probe.vector(&signal::estimator::NET_PLANE_STATE, filter.a.as_slice()),
         }
     }
 }

@@ -35,7 +35,8 @@ pub struct RateGated {
     array: SonarArray,
     filtered: Option<(f64, f64)>,
     rejections: u32,
-    report: PingReport,
+    /// What the last ping said.
+    pub report: PingReport,
 }
 
 impl RateGated {
@@ -108,12 +109,6 @@ impl RateGated {
     pub fn restart(&mut self) {
         self.filtered = None;
         self.rejections = 0;
-    }
-
-    /// What the last ping said.
-    #[must_use]
-    pub fn report(&self) -> &PingReport {
-        &self.report
     }
 
     /// Filtered distance and heading, and refusals in a row.

@@ -13,16 +13,16 @@ fn without_navigation_there_is_no_force() {
     let mut controller = controller(&["pid-tuned"]);
     let fresh = Inputs { applied: Input::Missing, ..Inputs::fresh(&nav, &reference, &idle) };
     assert!(forces(&fresh.step(&mut controller, 0)) > 1.0);
-    assert_eq!(controller.status(), Status::Tracking);
+    assert_eq!(controller.status, Status::Tracking);
     // Held up to the limit it still counts, whatever the reference says.
     for age in 1..=LIMIT_TICKS {
         let held = Inputs { nav: Input::Held { value: &nav, made_at: 0 }, ..fresh };
         held.step(&mut controller, age);
-        assert_eq!(controller.status(), Status::Tracking, "age {age}");
+        assert_eq!(controller.status, Status::Tracking, "age {age}");
     }
     for (k, stale) in [(LIMIT_TICKS + 1, Input::Held { value: &nav, made_at: 0 }), (LIMIT_TICKS + 2, Input::Missing)] {
         let thrust = Inputs { nav: stale, ..fresh }.step(&mut controller, k);
-        assert_eq!(controller.status(), Status::NavStale);
+        assert_eq!(controller.status, Status::NavStale);
         assert_eq!(forces(&thrust), 0.0);
         assert_eq!((thrust.requested, thrust.allocated), Default::default());
         assert_eq!(thrust.force_n.len(), 6, "every thruster is told");
@@ -51,7 +51,7 @@ fn a_neutral_reference_is_no_force() {
     let neutral = Reference { mode: Mode::Neutral, ..reference() };
     let mut controller = controller(&["agsta"]);
     let thrust = Inputs::fresh(&nav, &neutral, &idle).step(&mut controller, 0);
-    assert_eq!((forces(&thrust), controller.status()), (0.0, Status::Neutral));
+    assert_eq!((forces(&thrust), controller.status), (0.0, Status::Neutral));
 }
 
 #[test]
@@ -72,7 +72,7 @@ fn without_a_reference_the_vehicle_brakes_within_its_limits_and_holds() {
         let held =
             Inputs { reference: Input::Held { value: &moving, made_at: 0 }, ..Inputs::fresh(&nav, &moving, &applied) };
         applied = held.step(&mut controller, k);
-        assert_eq!(controller.status(), Status::Tracking);
+        assert_eq!(controller.status, Status::Tracking);
         assert!((reference_seen(&controller, &nav)[0] - 0.3).abs() < 1e-12);
     }
     let mut before = reference_seen(&controller, &nav);
@@ -81,7 +81,7 @@ fn without_a_reference_the_vehicle_brakes_within_its_limits_and_holds() {
     for k in LIMIT_TICKS + 1..LIMIT_TICKS + 500 {
         let stale = if k % 2 == 0 { Input::Missing } else { Input::Held { value: &moving, made_at: 0 } };
         applied = Inputs { reference: stale, ..Inputs::fresh(&nav, &moving, &applied) }.step(&mut controller, k);
-        assert_eq!(controller.status(), Status::Fallback);
+        assert_eq!(controller.status, Status::Fallback);
         let now = reference_seen(&controller, &nav);
         // Surge, sway, depth rate, heading rate fall within 0.15 per second and 0.5 per second squared.
         for i in [0, 1, 4, 5] {
@@ -110,7 +110,7 @@ fn without_any_reference_from_the_start_the_vehicle_holds_where_it_is() {
     let (unused, idle) = (Reference::default(), Thrust::default());
     for k in 0..100 {
         Inputs { reference: Input::Missing, ..Inputs::fresh(&nav, &unused, &idle) }.step(&mut controller, k);
-        assert_eq!(controller.status(), Status::Fallback);
+        assert_eq!(controller.status, Status::Fallback);
         let seen = reference_seen(&controller, &nav);
         let expected = [0.0, 0.0, 4.0, 0.6, 0.0, 0.0];
         assert!(seen.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12), "{seen:?}");
@@ -137,7 +137,7 @@ fn a_link_that_comes_back_while_holding_makes_no_jump() {
                 last = now;
             }
         }
-        assert_eq!(controller.status(), Status::Tracking);
+        assert_eq!(controller.status, Status::Tracking);
     }
 }
 

@@ -164,13 +164,13 @@ fn one_blocked_beam_is_refused_and_the_others_are_used() {
             for _ in 0..16 {
                 assert!(plane.update(&dvl(fish)));
                 let accepted: [bool; 4] = core::array::from_fn(|i| i != blocked);
-                assert_eq!(plane.report().accepted, accepted, "beam {blocked} at {share}");
+                assert_eq!(plane.report.accepted, accepted, "beam {blocked} at {share}");
                 rest(&mut plane);
             }
             let net = plane.estimate(0.0).expect("a plane");
             assert!((net.distance_m - 3.0).abs() < 1e-3, "{}", net.distance_m);
             assert!(net.heading_rad.abs() < 1e-3, "the rate-gated fit is 0.55 rad off here: {}", net.heading_rad);
-            assert!(plane.report().parity_per_m.abs() > 0.03);
+            assert!(plane.report.parity_per_m.abs() > 0.03);
         }
     }
 }
@@ -183,7 +183,7 @@ fn missing_beams_are_left_out() {
     let mut two = ranges(3.0, 0.0);
     (two[1], two[3]) = (None, Some(f64::NAN));
     assert!(plane.update(&dvl(two)));
-    assert_eq!(plane.report().accepted, [true, false, true, false]);
+    assert_eq!(plane.report.accepted, [true, false, true, false]);
     assert!(!plane.update(&dvl([None; 4])));
     assert!((plane.estimate(0.0).expect("a plane").distance_m - 3.0).abs() < 1e-9);
 }
@@ -197,7 +197,7 @@ fn after_twenty_pings_without_a_good_beam_it_begins_afresh() {
     // Another net, much farther: every beam is outside its gate.
     for bad in 1..=20 {
         assert!(!plane.update(&dvl(ranges(6.0, 0.1))), "ping {bad}");
-        assert_eq!(plane.report().accepted, [false; 4]);
+        assert_eq!(plane.report.accepted, [false; 4]);
         assert!((plane.estimate(0.0).expect("kept").distance_m - 3.0).abs() < 1e-9);
     }
     assert!(plane.update(&dvl(ranges(6.0, 0.1))), "the twenty-first is taken");
@@ -275,7 +275,7 @@ fn the_prediction_moves_the_plane_as_geometry_does() {
             for _ in 0..steps {
                 plane.predict(&v, r, h_s);
             }
-            (plane.a() - moved_plane(&v, r, 4.0)).norm()
+            (plane.a - moved_plane(&v, r, 4.0)).norm()
         };
         let (coarse, fine, finest) = (error(200), error(400), error(40_000));
         println!("plane under {v:?}, {r}: error at 50 Hz {coarse:.1e} per m");

@@ -28,12 +28,12 @@ fn stale_navigation_stops_the_reference_where_it_is() {
             // Up to the limit it goes on.
             while k <= made_at + NAV_LIMIT_TICKS {
                 guidance.step(tick(k), stale());
-                assert_eq!(guidance.reason(), Reason::Commanded, "age {}", k - made_at);
+                assert_eq!(guidance.reason, Reason::Commanded, "age {}", k - made_at);
                 k += 1;
             }
         }
         let stopped = guidance.step(tick(k), stale());
-        assert_eq!(guidance.reason(), Reason::NavStale);
+        assert_eq!(guidance.reason, Reason::NavStale);
         assert_eq!(
             [
                 stopped.surge_m_per_s2,
@@ -52,7 +52,7 @@ fn stale_navigation_stops_the_reference_where_it_is() {
         // Fresh again: it goes on from there, at its limits.
         k += 1;
         let again = step(&mut guidance, k, &here);
-        assert_eq!(guidance.reason(), Reason::Commanded);
+        assert_eq!(guidance.reason, Reason::Commanded);
         assert!((again.depth_m - stopped.depth_m).abs() <= 0.08 * H_S * H_S * (1.0 + 1e-9));
         assert!((again.sway_m_per_s - stopped.sway_m_per_s).abs() <= 0.5 * H_S * H_S * (1.0 + 1e-9));
         assert!(ssa(again.heading_rad - stopped.heading_rad).abs() <= 0.2095 * H_S * H_S);
@@ -70,7 +70,7 @@ fn without_an_operator_the_vehicle_holds_depth_and_heading() {
         guidance.step(tick(k), GuidanceInput { nav: Input::Fresh(&here), operator: OperatorLink::Lost })
     };
     let mut reference = lost(k, &mut guidance);
-    assert_eq!((reference.mode, guidance.reason()), (Mode::DepthHeadingHold, Reason::OperatorLost));
+    assert_eq!((reference.mode, guidance.reason), (Mode::DepthHeadingHold, Reason::OperatorLost));
     for _ in 0..1000 {
         k += 1;
         reference = lost(k, &mut guidance);
@@ -98,12 +98,12 @@ fn without_a_net_following_becomes_holding_until_the_net_is_seen_again() {
     // Numbers of an invalid net must not matter.
     (blind.net.distance_m, blind.net.heading_rad) = (0.0, 2.9);
     let reference = run(&mut guidance, &mut k, 1, &blind);
-    assert_eq!((reference.mode, guidance.reason()), (Mode::DepthHeadingHold, Reason::NetLost));
+    assert_eq!((reference.mode, guidance.reason), (Mode::DepthHeadingHold, Reason::NetLost));
     let reference = run(&mut guidance, &mut k, 1000, &blind);
     assert!((reference.heading_rad - 0.5).abs() < 1e-6 && reference.sway_m_per_s.abs() < 1e-6, "{reference:?}");
     assert_eq!(reference.speed_m_per_s, 0.0);
     let reference = run(&mut guidance, &mut k, 1, &here);
-    assert_eq!((reference.mode, guidance.reason()), (Mode::FollowNet, Reason::Commanded));
+    assert_eq!((reference.mode, guidance.reason), (Mode::FollowNet, Reason::Commanded));
 }
 
 /// A vehicle that does what the references say, in front of a plane net.
@@ -192,8 +192,8 @@ fn no_reference_jumps_at_any_mode_change_of_a_scripted_run() {
                 assert!((is - was - H_S * rate_is).abs() < 1e-9, "tick {k}: the rate is the value's");
             }
         }
-        if seen.last() != Some(&(reference.mode, guidance.reason())) {
-            seen.push((reference.mode, guidance.reason()));
+        if seen.last() != Some(&(reference.mode, guidance.reason)) {
+            seen.push((reference.mode, guidance.reason));
         }
         vehicle.follow(&reference);
         last = Some(reference);

@@ -187,5 +187,5 @@ fn a_hand_over_keeps_adapted_gains_and_a_reset_forgets_them() {
     law.reset();
     assert_eq!(k1(&law), [0.0; 4]);
     assert_eq!(twisting(&law).z, Vector4::zeros());
-    assert!(agsta(&law).twisting().k2[0] < 2.001);
+    assert!(agsta(&law).twisting.k2[0] < 2.001);
 }

@@ -68,7 +68,7 @@ pub enum MetricsError {
 pub fn evaluate(source: &RecordedRun, grid: &Grid, wanted: &Selection) -> Result<Evaluated, MetricsError> {
     let run = || source.name.clone();
     let mut reader = SampleReader::new(source, false)?;
-    let truth = reader.has_truth();
+    let truth = reader.has_truth;
     if let Some((path, tick)) = reader.not_finite(grid.tick(grid.from), grid.tick(grid.to)) {
         return Err(MetricsError::NotFinite { run: run(), path, tick });
     }

@@ -88,8 +88,7 @@ fn lag_ms(columns: &Columns, from: i64, to: i64) -> Vec<f64> {
 }
 
 fn unrecorded(source: &RecordedRun) -> Option<f64> {
-    let result = source.properties.get("result")?;
-    let count = |name: &str| match result.get(name) {
+    let count = |name: &str| match source.property("result", name) {
         Some(Property::Integer(count)) => Some(*count as f64),
         _ => None,
     };

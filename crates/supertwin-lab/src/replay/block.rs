@@ -2,9 +2,8 @@
 
 use super::plan::{BlockHistory, Instance, Step};
 use super::track::Track;
-use super::{Inexact, Messages};
+use super::{BlockVerdict, Inexact, Messages};
 use crate::ring::RingBlock;
-use std::borrow::Cow;
 use std::collections::BTreeSet;
 use supertwin_core::command::Command;
 use supertwin_core::digest::{DigestProbe, block_digest};
@@ -16,7 +15,7 @@ use supertwin_core::{Event, EventKind, Message, OperatorLink, Port, Ports, Sever
 const MOST_UNTOLD: u64 = 5000;
 
 /// What became of one block.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Played {
     pub(crate) track: Track,
     /// Steps that were replayed.
@@ -166,17 +165,13 @@ impl<B: RingBlock> State<B> {
             let Some(command) = B::own(command) else { continue };
             if let Err(refusal) = self.block.command(tick, command) {
                 let command = serde_json::to_value(command).unwrap_or_default();
-                events.push(Event {
-                    tick: tick.k,
-                    service: Cow::Borrowed(B::NAME),
-                    severity: Severity::Error,
-                    what: EventKind::CommandRefused {
-                        command: EventCommand::new(B::NAME, command, None),
-                        session: None,
-                        reason: refusal.to_string(),
-                        so_far: None,
-                    },
-                });
+                let what = EventKind::CommandRefused {
+                    command: EventCommand::new(B::NAME, command, None),
+                    session: None,
+                    reason: refusal.to_string(),
+                    so_far: None,
+                };
+                events.push(Event::new(tick.k, B::NAME, Severity::Error, what));
             }
         }
         let mut feed = Feed { messages, used, k: tick.k, writers: &mut self.writers, missing: None };
@@ -196,16 +191,7 @@ pub(crate) fn play<B: RingBlock, E>(
     how: How,
     mut build: impl FnMut(&Instance) -> Result<B, E>,
 ) -> Result<Played, E> {
-    let mut played = Played {
-        track: Track::new(B::NAME, how.tick_s),
-        steps: 0,
-        instances: 0,
-        compared: BTreeSet::new(),
-        inexact: Vec::new(),
-        digest_differs: None,
-        digests: Vec::new(),
-        refused: Vec::new(),
-    };
+    let mut played = Played { track: Track::new(B::NAME, how.tick_s), ..Played::default() };
     for instance in &part.instances {
         let block = build(instance)?;
         play_instance(block, instance, &part.commands, messages, how, &mut played);
@@ -311,6 +297,18 @@ impl Told<'_> {
 }
 
 impl Played {
+    /// Steps and gaps; whether they are as recorded is left open.
+    pub(crate) fn without_comparison(&self) -> BlockVerdict {
+        BlockVerdict {
+            service: self.track.service,
+            instances: self.instances,
+            steps: self.steps,
+            compared: 0,
+            inexact: self.inexact.clone(),
+            difference: None,
+        }
+    }
+
     /// Enters whether a step is as recorded, where that can be said. What makes a step doubtful makes all after it so.
     fn judge(
         &mut self,

@@ -50,8 +50,8 @@ enum Concerns {
 }
 
 fn concerns(over: &Override) -> Concerns {
-    let path: Vec<&str> = over.path().iter().map(String::as_str).collect();
-    match (over.section(), path.first().copied().unwrap_or_default()) {
+    let path: Vec<&str> = over.path.iter().map(String::as_str).collect();
+    match (over.section.as_str(), path.first().copied().unwrap_or_default()) {
         ("estimator", _) | ("vehicle", "nominal") | ("trial", "nominal_spread") | ("safety", "estimator") => {
             Concerns::Block(FromBlock::Estimator)
         }
@@ -92,7 +92,7 @@ impl Changed {
     ) -> Result<Self, ReplayError> {
         let refuse = |over: &Override, why: &str| Err(ReplayError::Change(format!("--set {}: {why}", over.text)));
         let mut first: Option<FromBlock> = controller.map(|_| FromBlock::Controller);
-        for over in library.overrides() {
+        for over in &library.overrides {
             match concerns(over) {
                 Concerns::Block(block) => {
                     if let Some(from) = from.filter(|from| block < *from) {
@@ -116,17 +116,17 @@ impl Changed {
             None => None,
             Some(name) => {
                 let loaded: Loaded<ControllerConfig> = library.load("controller", "controllers", name)?;
-                let mine = |over: &&Override| over.section() == "controller" && !over.concerns(&loaded.table);
-                if let Some(over) = library.overrides().iter().find(mine) {
+                let mine = |over: &&Override| over.section == "controller" && !over.concerns(&loaded.table);
+                if let Some(over) = library.overrides.iter().find(mine) {
                     return refuse(over, &format!("controller {name} has another law"));
                 }
                 Some((stem(&loaded.path), loaded))
             }
         };
         let mut words: Vec<String> = loaded.iter().map(|(name, _)| format!("controller {name}")).collect();
-        words.extend(library.overrides().iter().map(|over| over.text.clone()));
+        words.extend(library.overrides.iter().map(|over| over.text.clone()));
         let from = from.or(first).unwrap_or(FromBlock::Estimator);
-        Ok(Self { controller: loaded, overrides: library.overrides().to_vec(), from, words })
+        Ok(Self { controller: loaded, overrides: library.overrides.clone(), from, words })
     }
 
     /// Nothing is changed.
@@ -156,19 +156,19 @@ impl Changed {
         }
         for over in &self.overrides {
             // Those of a controller file are in it already.
-            if over.section() == "controller" && self.controller.is_some() {
+            if over.section == "controller" && self.controller.is_some() {
                 continue;
             }
-            let mut section = match table.remove(over.section()) {
+            let mut section = match table.remove(&over.section) {
                 Some(toml::Value::Table(section)) => section,
                 _ => toml::Table::new(),
             };
-            if over.section() == "controller" && !over.concerns(&section) {
+            if over.section == "controller" && !over.concerns(&section) {
                 let message = "the recorded controller has another law".to_owned();
                 return Err(ConfigError::Override { text: over.text.clone(), message });
             }
             over.apply(&mut section)?;
-            table.insert(over.section().to_owned(), toml::Value::Table(section));
+            table.insert(over.section.clone(), toml::Value::Table(section));
             // One by one, so that an error names the override that broke the rule.
             ResolvedTrial::from_text(&trial.name, &name, &table.to_string(), &place).map_err(|error| match error {
                 ConfigError::Place { message, .. } | ConfigError::Combination { message, .. } => {

@@ -14,13 +14,12 @@ use super::{Replay, ReplayError};
 use crate::ring::Blocks;
 use crate::run::{self, RunOutcome, play};
 use crate::twin::Twin;
-use std::borrow::Cow;
 use supertwin_core::command::{Command, LinkCommand};
 use supertwin_core::message::WrenchRequest;
 use supertwin_core::run::Properties;
 use supertwin_core::signal::{self, Component};
 use supertwin_core::source::Columns;
-use supertwin_core::{Event, EventKind, OperatorLink, RunHeader, RunSink, Severity, Signal, Wrench};
+use supertwin_core::{Event, EventKind, OperatorLink, RunHeader, RunSink, Severity, Signal, Tick, Wrench};
 use supertwin_plant::Drive;
 
 /// The heading at which the disturbance was found.
@@ -72,11 +71,11 @@ impl Replay<'_> {
     ///
     /// # Errors
     /// When a change breaks a rule, no disturbance was recorded, or the sink can't keep the run.
-    pub fn closed_loop(
+    pub fn closed_loop<S: RunSink>(
         &self,
         changed: &Changed,
         provenance: &Properties,
-        sink: &mut impl RunSink,
+        sink: &mut S,
         go_on: impl FnMut(u64) -> bool,
     ) -> Result<Closed, ReplayError> {
         let columns = |signal: &Signal| {
@@ -86,7 +85,7 @@ impl Replay<'_> {
                 ReplayError::Change(format!("{run}: {path} was not recorded: a closed loop needs it"))
             })
         };
-        let mut recorded = Recorded {
+        let mut drives = Recorded {
             disturbance: columns(&signal::nav::DISTURBANCE)?,
             pose: columns(HEADING.signal)?,
             last: Drive::default(),
@@ -106,14 +105,15 @@ impl Replay<'_> {
         };
         let twin = Twin::of(Blocks::nominal(&trial, seed)?);
         let ticks = self.closed_ticks();
-        let mut sink = Announced { sink, what: Some(self.announcement(changed)) };
-        let outcome =
-            play(&trial, twin, ticks, Some(&header), &mut sink, |twin, tick| twin.drive(recorded.at(tick.k)), go_on)?;
-        Ok(Closed { outcome, held: recorded.held })
-    }
-
-    fn announcement(&self, changed: &Changed) -> EventKind {
-        EventKind::ReplayedClosedLoop { recording: self.source.name.clone(), changed: changed.words.clone() }
+        let (recording, changed) = (self.source.name.clone(), changed.words.clone());
+        let what = EventKind::ReplayedClosedLoop { recording, changed };
+        let announced = Event::new(0, "replay", Severity::Info, what);
+        let before = |twin: &mut Twin, tick: Tick, sink: &mut S| {
+            twin.drive(drives.at(tick.k));
+            if tick.k == 0 { sink.event(&announced) } else { Ok(()) }
+        };
+        let outcome = play(&trial, twin, ticks, Some(&header), sink, before, go_on)?;
+        Ok(Closed { outcome, held: drives.held })
     }
 
     /// What came over the network beside commands: an operator who was lost, an external controller.
@@ -135,40 +135,5 @@ impl Replay<'_> {
                 add(tick, LinkCommand::WrenchRequest { request: request.clone(), for_s: dt_s });
             }
         }
-    }
-}
-
-/// Says at the first tick what kind of run this is.
-struct Announced<'a, S> {
-    sink: &'a mut S,
-    what: Option<EventKind>,
-}
-
-impl<S: RunSink> supertwin_core::Probe for Announced<'_, S> {
-    fn vector(&mut self, signal: &'static Signal, values: &[f64]) {
-        self.sink.vector(signal, values);
-    }
-    fn label(&mut self, signal: &'static Signal, value: &'static str) {
-        self.sink.label(signal, value);
-    }
-}
-
-impl<S: RunSink> RunSink for Announced<'_, S> {
-    fn begin(&mut self, header: &RunHeader) -> Result<(), supertwin_core::SinkError> {
-        self.sink.begin(header)
-    }
-    fn tick(&mut self, tick: supertwin_core::Tick) -> Result<(), supertwin_core::SinkError> {
-        self.sink.tick(tick)?;
-        if let Some(what) = self.what.take() {
-            let service = Cow::Borrowed("replay");
-            self.sink.event(&Event { tick: tick.k, service, severity: Severity::Info, what })?;
-        }
-        Ok(())
-    }
-    fn event(&mut self, event: &Event) -> Result<(), supertwin_core::SinkError> {
-        self.sink.event(event)
-    }
-    fn finish(&mut self, results: &Properties) -> Result<(), supertwin_core::SinkError> {
-        self.sink.finish(results)
     }
 }

@@ -2,73 +2,46 @@
 
 use std::any::Any;
 use std::collections::{BTreeMap, BTreeSet};
-use supertwin_core::message::{FromSignals, Measurements, Nav, Reference, SignalValues, Thrust, WrenchRequest};
+use std::sync::Arc;
+use supertwin_core::message::{FromSignals, Measurements, Nav, Reference, SignalValues, Thrust};
 use supertwin_core::{Message, RecordedRun, Signal, signal};
 
-/// Messages of one wire: by tick, with who sent them. Two who write the same wire may have the same tick.
-#[derive(Clone, Debug)]
-struct Of<M>(BTreeMap<u64, Vec<(String, M)>>);
-
-impl<M> Default for Of<M> {
-    fn default() -> Self {
-        Self(BTreeMap::new())
-    }
-}
-
-/// Everything that went over the wires of a run.
+/// Everything that went over the wires of a run: by key and tick, with who sent it. Two who write the same wire may have the
+/// same tick. A message is of the type that its key belongs to.
 #[derive(Clone, Debug, Default)]
-pub struct Messages {
-    measurements: Of<Measurements>,
-    nav: Of<Nav>,
-    reference: Of<Reference>,
-    thrust: Of<Thrust>,
-    wrench_request: Of<WrenchRequest>,
-}
+pub struct Messages(BTreeMap<(&'static str, u64), Vec<(String, AnyMessage)>>);
+
+type AnyMessage = Arc<dyn Any + Send + Sync>;
 
 impl Messages {
-    /// The wire whose messages are `M`; `None` for a message that no block listens to.
-    fn of<M: Message>(&self) -> Option<&Of<M>> {
-        let wires: [&dyn Any; 5] = [&self.measurements, &self.nav, &self.reference, &self.thrust, &self.wrench_request];
-        wires.into_iter().find_map(|wire| wire.downcast_ref())
-    }
-
-    fn of_mut<M: Message>(&mut self) -> Option<&mut Of<M>> {
-        let wires: [&mut dyn Any; 5] =
-            [&mut self.measurements, &mut self.nav, &mut self.reference, &mut self.thrust, &mut self.wrench_request];
-        wires.into_iter().find_map(|wire| wire.downcast_mut())
-    }
-
     /// Adds a message that `source` made at `tick`; a repetition is left out.
     pub fn add<M: Message>(&mut self, tick: u64, source: &str, message: M) {
-        let Some(wire) = self.of_mut::<M>() else { return };
-        let known = wire.0.entry(tick).or_default();
+        let known = self.0.entry((M::KEY, tick)).or_default();
         if known.iter().all(|(other, _)| other != source) {
-            known.push((source.to_owned(), message));
+            known.push((source.to_owned(), Arc::new(message)));
         }
     }
 
     /// In the place of whatever was made at `tick`.
     pub(crate) fn put<M: Message>(&mut self, tick: u64, message: M) {
-        if let Some(wire) = self.of_mut::<M>() {
-            wire.0.insert(tick, vec![(String::new(), message)]);
-        }
+        let message: AnyMessage = Arc::new(message);
+        self.0.insert((M::KEY, tick), vec![(String::new(), message)]);
     }
 
-    /// The message made at `tick`: that of `writer`, if there are several.
-    pub(crate) fn at<M: Message>(&self, tick: u64, writer: &str) -> Option<&(String, M)> {
-        let all = self.of::<M>()?.0.get(&tick)?;
-        all.iter().find(|(source, _)| source == writer).or_else(|| all.first())
+    /// The message made at `tick` and who made it: that of `writer`, if there are several.
+    pub(crate) fn at<M: Message>(&self, tick: u64, writer: &str) -> Option<(&String, &M)> {
+        let all = self.0.get(&(M::KEY, tick))?;
+        let (source, message) = all.iter().find(|(source, _)| source == writer).or_else(|| all.first())?;
+        Some((source, message.downcast_ref()?))
     }
 
     /// Ticks at which messages were made, from `after` on (without it) to `until`.
     pub(crate) fn ticks<M: Message>(&self, after: Option<u64>, until: u64) -> Vec<u64> {
         let from = after.map_or(0, |after| after + 1);
-        let wire = self.of::<M>().filter(|_| from <= until);
-        wire.map(|wire| wire.0.range(from..=until).map(|(tick, _)| *tick).collect()).unwrap_or_default()
-    }
-
-    fn is_there<M: Message>(&self, tick: u64) -> bool {
-        self.of::<M>().is_some_and(|wire| wire.0.contains_key(&tick))
+        if from > until {
+            return Vec::new();
+        }
+        self.0.range((M::KEY, from)..=(M::KEY, until)).map(|((_, tick), _)| *tick).collect()
     }
 
     /// Rebuilds from signals what has no exact bytes; how many that were, by wire.
@@ -101,7 +74,7 @@ impl Messages {
             .collect();
         for row in ticks {
             let Ok(tick) = u64::try_from(row) else { continue };
-            if !self.is_there::<M>(tick)
+            if !self.0.contains_key(&(M::KEY, tick))
                 && let Some(message) = M::from_signals(&At { source, tick: row })
             {
                 self.add(tick, "", message);

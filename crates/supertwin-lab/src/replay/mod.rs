@@ -40,65 +40,13 @@ pub enum ReplayError {
     /// The configuration in its properties can't be used.
     #[error(transparent)]
     Config(#[from] ConfigError),
-    /// A property is missing or is no number.
-    #[error("{run}: property {name} is not there or not a number: the run can't be repeated without")]
-    Property {
+    /// The recording lacks something that is needed, or has something else in its place.
+    #[error("{run}: {cause}")]
+    Recording {
         /// Name of the run, as its recording states it.
         run: String,
-        /// Name of the property of the run that is not there or not usable.
-        name: &'static str,
-    },
-    /// Nothing that could be replayed.
-    #[error("{run}: no step of any block was recorded")]
-    Nothing {
-        /// Name of the run, as its recording states it.
-        run: String,
-    },
-    /// Words of the recording that are not what they should be.
-    #[error("{run}: {path} at tick {tick}: {cause}")]
-    Account {
-        /// Name of the run, as its recording states it.
-        run: String,
-        /// Path in the recording.
-        path: String,
-        /// Tick, from 0 at the start of the run.
-        tick: i64,
-        /// What is wrong.
+        /// What is missing or wrong.
         cause: String,
-    },
-    /// The recorded signals are not those of the recorded configuration.
-    #[error(
-        "{run}: recorded of another vehicle: {path} has {width} components, its configuration has {expected} thrusters"
-    )]
-    OtherVehicle {
-        /// Name of the run, as its recording states it.
-        run: String,
-        /// Path of the signal in the recording.
-        path: &'static str,
-        /// Components per tick in the recording.
-        width: usize,
-        /// Components per tick of the block that is configured.
-        expected: usize,
-    },
-    /// The recording is the result of a replay.
-    #[error(
-        "{run}: is a replay itself, in which not every block had the inputs that are recorded; replay {of} instead"
-    )]
-    Twice {
-        /// Name of the run, as its recording states it.
-        run: String,
-        /// Name of the run that was replayed; its own recording has the messages.
-        of: String,
-    },
-    /// The run over a network is missing the accounts.
-    #[error(
-        "{run}: nothing says which messages {service} used (step/{service}): recorded without telemetry, or by an older program"
-    )]
-    NoAccount {
-        /// Name of the run, as its recording states it.
-        run: String,
-        /// Name of the service that the block is in the ring.
-        service: &'static str,
     },
     /// What was asked for has no effect on what is replayed.
     #[error("{0}")]
@@ -185,7 +133,8 @@ pub struct Verification {
 #[derive(Debug)]
 pub struct Replay<'a> {
     source: &'a RecordedRun,
-    trial: ResolvedTrial,
+    /// The trial that was recorded.
+    pub trial: ResolvedTrial,
     plan: Plan,
     messages: Messages,
     rebuilt: BTreeMap<&'static str, u64>,
@@ -197,40 +146,40 @@ impl<'a> Replay<'a> {
     /// # Errors
     /// When the recording does not say what was run, or how.
     pub fn new(source: &'a RecordedRun, mut messages: Messages) -> Result<Self, ReplayError> {
-        let run = source.name.clone();
+        let run = &source.name;
+        let refuse = |cause: String| Err(ReplayError::Recording { run: run.clone(), cause });
         let empty = Properties::new();
         let properties = source.properties.get("run").unwrap_or(&empty);
         if let Some(Property::Text(of)) = properties.get("replay_of") {
-            return Err(ReplayError::Twice { run, of: of.clone() });
+            let why = "is a replay itself, in which not every block had the inputs that are recorded";
+            return refuse(format!("{why}; replay {of} instead"));
         }
         let trial = ResolvedTrial::from_properties(properties, &format!("{run}: property config"))?;
         let Some(&Property::Number(tick_s)) = properties.get("tick_s") else {
-            return Err(ReplayError::Property { run, name: "tick_s" });
+            return refuse(no_number("tick_s"));
         };
         if !matches!(properties.get("seed"), Some(Property::Integer(_))) {
-            return Err(ReplayError::Property { run, name: "seed" });
+            return refuse(no_number("seed"));
         }
         let (signal, expected) = (&signal::thrust::FORCE, trial.vehicle.thruster.len());
         let force = source.signal(signal).filter(|columns| !columns.tick.is_empty());
         let width = force.map_or(expected, |columns| columns.width);
         if width != expected {
-            return Err(ReplayError::OtherVehicle { run, path: signal.path, width, expected });
+            let path = signal.path;
+            return refuse(format!(
+                "recorded of another vehicle: {path} has {width} components, its configuration has {expected} thrusters"
+            ));
         }
         let plan = Plan::of(source, &trial, tick_s, &mut messages)?;
         for (part, service) in plan.parts.iter().zip(RING) {
             let shown = source.signals.keys().any(|path| path.starts_with(&format!("{service}/")));
             if part.instances.is_empty() && shown {
-                return Err(ReplayError::NoAccount { run, service });
+                let why = "recorded without telemetry, or by an older program";
+                return refuse(format!("nothing says which messages {service} used (step/{service}): {why}"));
             }
         }
         let rebuilt = messages.rebuild(source);
         Ok(Self { source, trial, plan, messages, rebuilt })
-    }
-
-    /// The trial that was recorded.
-    #[must_use]
-    pub fn trial(&self) -> &ResolvedTrial {
-        &self.trial
     }
 
     /// The blocks with which an instance began: of the recorded configuration, or of its own.
@@ -251,17 +200,14 @@ impl<'a> Replay<'a> {
         let told = self.source.words(&format!("state/{service}/run"));
         // One that is started anew says with which.
         if let Some(words) = told.iter().rfind(|words| words.tick <= first.cast_signed()) {
-            let told: Properties = serde_json::from_str(&words.value).map_err(|cause| ReplayError::Account {
+            let told = serde_json::from_str::<Properties>(&words.value).map_err(|cause| ReplayError::Recording {
                 run: self.source.name.clone(),
-                path: format!("state/{service}/run"),
-                tick: words.tick,
-                cause: cause.to_string(),
+                cause: format!("state/{service}/run at tick {}: {cause}", words.tick),
             })?;
             properties.extend(told);
         }
-        let seed = match properties.get("seed") {
-            Some(Property::Integer(seed)) => *seed,
-            _ => return Err(ReplayError::Property { run: self.source.name.clone(), name: "seed" }),
+        let Some(&Property::Integer(seed)) = properties.get("seed") else {
+            return Err(ReplayError::Recording { run: self.source.name.clone(), cause: no_number("seed") });
         };
         let place = format!("{}: configuration of {service}", self.source.name);
         Ok((ResolvedTrial::from_properties(&properties, &place)?, seed))
@@ -284,12 +230,8 @@ impl<'a> Replay<'a> {
             }
         }
         let blocks: Vec<BlockVerdict> = played.iter().map(|played| self.verdict(played)).collect();
-        let mut first: Option<Difference> = None;
-        for difference in blocks.iter().filter_map(|block| block.difference.as_ref()) {
-            if first.as_ref().is_none_or(|first| difference.tick < first.tick) {
-                first = Some(difference.clone());
-            }
-        }
+        let differences = blocks.iter().filter_map(|block| block.difference.as_ref());
+        let mut first = differences.min_by_key(|difference| difference.tick).cloned();
         let hash = if chain.is_none() { self.hash(&played) } else { None };
         if first.is_none() && hash == Some(false) {
             first = Some(Difference {
@@ -339,19 +281,12 @@ impl<'a> Replay<'a> {
             (Some(signal), Some(hash)) if hash.tick < signal.tick => Some(hash),
             (signal, hash) => signal.or(hash),
         };
-        BlockVerdict {
-            service,
-            instances: played.instances,
-            steps: played.steps,
-            compared: played.compared.len() as u64,
-            inexact: played.inexact.clone(),
-            difference,
-        }
+        BlockVerdict { compared: played.compared.len() as u64, difference, ..played.without_comparison() }
     }
 
     /// The hash of the whole run against the one in its results.
     fn hash(&self, played: &[Played]) -> Option<bool> {
-        let Some(Property::Text(recorded)) = self.source.properties.get("result")?.get("hash") else { return None };
+        let Property::Text(recorded) = self.source.property("result", "hash")? else { return None };
         let [plant, estimator, guidance, controller] = played else { return None };
         let whole = |played: &Played| played.digests.iter().enumerate().all(|(k, (tick, _))| k as u64 == *tick);
         let ticks = plant.digests.len();
@@ -365,6 +300,10 @@ impl<'a> Replay<'a> {
         }
         Some(digest.to_string() == *recorded)
     }
+}
+
+fn no_number(property: &str) -> String {
+    format!("property {property} is not there or not a number: the run can't be repeated without")
 }
 
 /// Plays the block at one place of the ring.

@@ -62,8 +62,7 @@ impl Plan {
         tick_s: f64,
         messages: &mut Messages,
     ) -> Result<Self, ReplayError> {
-        let run = source.properties.get("run");
-        let placement = run.and_then(|run| run.get("placement"));
+        let placement = source.property("run", "placement");
         let batch = placement.is_none_or(|placement| *placement == "batch".into());
         let parts = if batch {
             batch_parts(source, trial, tick_s, messages)
@@ -75,7 +74,8 @@ impl Plan {
             parts
         };
         if parts.iter().all(|part| part.instances.is_empty()) {
-            return Err(ReplayError::Nothing { run: source.name.clone() });
+            let cause = "no step of any block was recorded".to_owned();
+            return Err(ReplayError::Recording { run: source.name.clone(), cause });
         }
         Ok(Self { parts, tick_s, batch })
     }
@@ -102,11 +102,9 @@ struct StepAccount {
 }
 
 fn recorded_part(source: &RecordedRun, service: &str) -> Result<BlockHistory, ReplayError> {
-    let wrong = |label: &Label, what: &str, cause: String| ReplayError::Account {
+    let wrong = |label: &Label, what: &str, cause: String| ReplayError::Recording {
         run: source.name.clone(),
-        path: format!("{what}/{service}"),
-        tick: label.tick,
-        cause,
+        cause: format!("{what}/{service} at tick {}: {cause}", label.tick),
     };
     let mut part = BlockHistory::default();
     for label in source.words(&format!("step/{service}")) {
@@ -129,7 +127,7 @@ fn recorded_part(source: &RecordedRun, service: &str) -> Result<BlockHistory, Re
         }
     }
     let mut before: Option<&Label> = None;
-    for label in source.commands.get(service).map_or(&[][..], Vec::as_slice) {
+    for label in source.commands_of(service) {
         // Two recorders one after the other may have told it twice; a block is not asked the same twice in a tick.
         if before.is_some_and(|before| before == label) {
             continue;

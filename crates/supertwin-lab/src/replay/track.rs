@@ -2,6 +2,7 @@
 
 use super::Difference;
 use std::collections::{BTreeMap, BTreeSet};
+use supertwin_core::observe::Slots;
 use supertwin_core::source::{Columns, Label};
 use supertwin_core::{Event, Observe, Probe, RecordedRun, Signal, Tick};
 
@@ -14,39 +15,19 @@ struct Rows {
 }
 
 /// One block over a run.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct Track {
     pub(crate) service: &'static str,
     dt_s: f64,
     tick: u64,
-    /// In the order in which they are shown.
-    vectors: Vec<(&'static Signal, Rows)>,
-    labels: Vec<(&'static Signal, Vec<(u64, &'static str)>)>,
-    cursors: [usize; 2],
+    vectors: Slots<Rows>,
+    labels: Slots<Vec<(u64, &'static str)>>,
     pub(crate) events: Vec<Event>,
-}
-
-/// Where `signal` stands in `shown`, looked for behind the last one that was found.
-fn find<T>(shown: &[(&'static Signal, T)], cursor: &mut usize, signal: &'static Signal) -> Option<usize> {
-    let is_it = |(known, _): &(&'static Signal, T)| core::ptr::eq(*known, signal);
-    let (before, after) = shown.split_at((*cursor).min(shown.len()));
-    let at = match after.iter().position(is_it) {
-        Some(ahead) => *cursor + ahead,
-        None => before.iter().position(is_it)?,
-    };
-    *cursor = at + 1;
-    Some(at)
 }
 
 impl Probe for Track {
     fn vector(&mut self, signal: &'static Signal, values: &[f64]) {
-        let at = find(&self.vectors, &mut self.cursors[0], signal).unwrap_or_else(|| {
-            let at = self.cursors[0].min(self.vectors.len());
-            self.vectors.insert(at, (signal, Rows { width: values.len(), ..Rows::default() }));
-            self.cursors[0] = at + 1;
-            at
-        });
-        let rows = &mut self.vectors[at].1;
+        let rows = self.vectors.get_or_insert_with(signal, || Rows { width: values.len(), ..Rows::default() });
         // A signal keeps its width; a vehicle without thrusters shows an empty one, which is not recorded.
         if rows.width == values.len() && !values.is_empty() {
             rows.tick.push(self.tick);
@@ -54,31 +35,26 @@ impl Probe for Track {
         }
     }
     fn label(&mut self, signal: &'static Signal, value: &'static str) {
-        let at = find(&self.labels, &mut self.cursors[1], signal).unwrap_or_else(|| {
-            let at = self.cursors[1].min(self.labels.len());
-            self.labels.insert(at, (signal, Vec::new()));
-            self.cursors[1] = at + 1;
-            at
-        });
-        self.labels[at].1.push((self.tick, value));
+        self.labels.get_or_insert_with(signal, Vec::new).push((self.tick, value));
     }
 }
 
 impl Track {
     pub(crate) fn new(service: &'static str, dt_s: f64) -> Self {
-        Self { service, dt_s, tick: 0, vectors: Vec::new(), labels: Vec::new(), cursors: [0; 2], events: Vec::new() }
+        Self { service, dt_s, ..Self::default() }
     }
 
     /// What `block` and its output show at `tick`.
     pub(crate) fn show(&mut self, tick: u64, block: &impl Observe, out: &impl Observe) {
-        (self.tick, self.cursors) = (tick, [0; 2]);
+        (self.tick, self.vectors.cursor, self.labels.cursor) = (tick, 0, 0);
         block.observe(self);
         out.observe(self);
     }
 
     /// Its signals, by path.
     pub(crate) fn signals(&self) -> impl Iterator<Item = &'static Signal> {
-        self.vectors.iter().map(|(signal, _)| *signal).chain(self.labels.iter().map(|(signal, _)| *signal))
+        let vectors = self.vectors.slots.iter().map(|(signal, _)| *signal);
+        vectors.chain(self.labels.slots.iter().map(|(signal, _)| *signal))
     }
 
     fn time_ns(&self, tick: u64) -> i64 {
@@ -88,7 +64,7 @@ impl Track {
     /// As a recording has it.
     pub(crate) fn columns(&self) -> BTreeMap<String, Columns> {
         let mut columns = BTreeMap::new();
-        for (signal, rows) in &self.vectors {
+        for (signal, rows) in &self.vectors.slots {
             let names = signal.components.iter().map(|name| (*name).to_owned()).collect();
             let mut one = Columns {
                 names,
@@ -107,7 +83,7 @@ impl Track {
     /// Changes of its labels, as a recording has them.
     pub(crate) fn changes(&self) -> BTreeMap<String, Vec<Label>> {
         let mut changes = BTreeMap::new();
-        for (signal, values) in &self.labels {
+        for (signal, values) in &self.labels.slots {
             let mut values = values.clone();
             values.sort_by_key(|(tick, _)| *tick);
             values.dedup_by_key(|(_, value)| *value);
@@ -124,48 +100,45 @@ impl Track {
     /// The first place where what was recorded at the ticks of `compared` is not what was shown: of the earliest tick the
     /// first in the order in which the block shows itself.
     pub(crate) fn first_difference(&self, source: &RecordedRun, compared: &BTreeSet<u64>) -> Option<Difference> {
-        let mut first: Option<Difference> = None;
-        let mut found = |difference: Difference| {
-            if first.as_ref().is_none_or(|first| difference.tick < first.tick) {
-                first = Some(difference);
-            }
-        };
-        let difference = |tick: u64, signal: &str, component: &str, recorded: String, replayed: String| Difference {
-            service: self.service.to_owned(),
-            tick,
-            signal: signal.to_owned(),
-            component: component.to_owned(),
-            recorded,
-            replayed,
+        let mut found = Vec::new();
+        let mut differs = |tick: u64, signal: &str, component: &str, recorded: String, replayed: String| {
+            found.push(Difference {
+                service: self.service.to_owned(),
+                tick,
+                signal: signal.to_owned(),
+                component: component.to_owned(),
+                recorded,
+                replayed,
+            });
         };
         let empty = Columns::default();
-        for (signal, rows) in &self.vectors {
+        for (signal, rows) in &self.vectors.slots {
             let recorded = source.signals.get(signal.path).unwrap_or(&empty);
             for (row, &tick) in rows.tick.iter().enumerate().filter(|(_, tick)| compared.contains(tick)) {
                 let shown = &rows.values[row * rows.width..][..rows.width];
                 let Some(known) = recorded.at(tick.cast_signed()) else {
-                    found(difference(tick, signal.path, "", "not there".to_owned(), format!("{shown:?}")));
+                    differs(tick, signal.path, "", "not there".to_owned(), format!("{shown:?}"));
                     break;
                 };
                 if known.len() != shown.len() {
                     let count = |values: &[f64]| format!("{} components", values.len());
-                    found(difference(tick, signal.path, "", count(known), count(shown)));
+                    differs(tick, signal.path, "", count(known), count(shown));
                     break;
                 }
                 if let Some(i) = (0..shown.len()).find(|&i| known[i].to_bits() != shown[i].to_bits()) {
                     let component = signal.components.get(i).copied().unwrap_or_default();
-                    found(difference(tick, signal.path, component, number_text(known[i]), number_text(shown[i])));
+                    differs(tick, signal.path, component, number_text(known[i]), number_text(shown[i]));
                     break;
                 }
             }
         }
-        for (signal, values) in &self.labels {
-            let recorded = source.labels.get(signal.path).map_or(&[][..], Vec::as_slice);
+        for (signal, values) in &self.labels.slots {
+            let recorded = source.label(signal);
             for (tick, shown) in values.iter().filter(|(tick, _)| compared.contains(tick)) {
                 let at = recorded.partition_point(|label| label.tick <= tick.cast_signed());
                 let known = at.checked_sub(1).map_or("not there", |at| recorded[at].value.as_str());
                 if known != *shown {
-                    found(difference(*tick, signal.path, "", known.to_owned(), (*shown).to_owned()));
+                    differs(*tick, signal.path, "", known.to_owned(), (*shown).to_owned());
                     break;
                 }
             }
@@ -173,15 +146,15 @@ impl Track {
         // What was recorded and is not shown any more.
         let prefix = format!("{}/", self.service);
         for (path, columns) in source.signals.iter().filter(|(path, _)| path.starts_with(&prefix)) {
-            let shown = self.vectors.iter().find(|(signal, _)| signal.path == path).map(|(_, rows)| &rows.tick);
+            let shown = self.vectors.slots.iter().find(|(signal, _)| signal.path == path).map(|(_, rows)| &rows.tick);
             let shown: BTreeSet<u64> = shown.into_iter().flatten().copied().collect();
             let gone = columns.tick.iter().filter_map(|&tick| u64::try_from(tick).ok());
             if let Some(tick) = gone.filter(|tick| compared.contains(tick)).find(|tick| !shown.contains(tick)) {
                 let known = columns.at(tick.cast_signed()).unwrap_or_default();
-                found(difference(tick, path, "", format!("{known:?}"), "not there".to_owned()));
+                differs(tick, path, "", format!("{known:?}"), "not there".to_owned());
             }
         }
-        first
+        found.into_iter().min_by_key(|difference| difference.tick)
     }
 }
 

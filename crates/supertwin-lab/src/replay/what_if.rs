@@ -95,28 +95,16 @@ impl Replay<'_> {
             scene: run::scene(&trial, self.seed())?,
             known,
             tick_s: self.plan.tick_s,
-            blocks: played.iter().map(|played| self.unchanged(played)).collect(),
+            blocks: played.iter().map(Played::without_comparison).collect(),
             refused: played.iter().flat_map(|played| played.refused.iter().cloned()).collect(),
         })
     }
 
     pub(super) fn seed(&self) -> u64 {
-        match self.source.properties.get("run").and_then(|run| run.get("seed")) {
+        match self.source.property("run", "seed") {
             Some(Property::Integer(seed)) => *seed,
             // Looked at when the recording was taken apart.
             _ => 0,
-        }
-    }
-
-    /// Steps and gaps of a block that was run anew; there is nothing to compare.
-    fn unchanged(&self, played: &Played) -> BlockVerdict {
-        BlockVerdict {
-            service: played.track.service,
-            instances: played.instances,
-            steps: played.steps,
-            compared: 0,
-            inexact: played.inexact.clone(),
-            difference: None,
         }
     }
 
@@ -164,17 +152,14 @@ impl Replay<'_> {
     fn events(&self, trial: &ResolvedTrial, changed: &Changed, played: &[Played]) -> Vec<Event> {
         let first =
             self.plan.parts.iter().flat_map(|part| &part.instances).filter_map(|instance| instance.steps.first());
-        let mut events = vec![Event {
-            tick: first.map(|step| step.tick).min().unwrap_or_default(),
-            service: Cow::Borrowed("replay"),
-            severity: Severity::Info,
-            what: EventKind::ReplayedOpenLoop {
-                recording: self.source.name.clone(),
-                from: Cow::Borrowed(changed.from.name()),
-                controller: trial.controller_name.clone(),
-                changed: changed.words.clone(),
-            },
-        }];
+        let begin = first.map(|step| step.tick).min().unwrap_or_default();
+        let what = EventKind::ReplayedOpenLoop {
+            recording: self.source.name.clone(),
+            from: Cow::Borrowed(changed.from.name()),
+            controller: trial.controller_name.clone(),
+            changed: changed.words.clone(),
+        };
+        let mut events = vec![Event::new(begin, "replay", Severity::Info, what)];
         let new = &RING[changed.from.position()..];
         // A service that was run anew says anew what it does; what was said about commands and links still holds.
         let holds =
@@ -183,17 +168,9 @@ impl Replay<'_> {
         events.extend(played.iter().flat_map(|played| played.track.events.iter().cloned()));
         for gap in played.iter().flat_map(|played| played.inexact.iter().map(move |gap| (played.track.service, gap))) {
             let (service, gap) = gap;
-            events.push(Event {
-                tick: gap.from_tick,
-                service: Cow::Borrowed("replay"),
-                severity: Severity::Warning,
-                what: EventKind::ReplayInexact {
-                    service: Cow::Borrowed(service),
-                    from_tick: gap.from_tick,
-                    to_tick: gap.to_tick,
-                    reason: gap.why.clone(),
-                },
-            });
+            let (from_tick, to_tick, reason) = (gap.from_tick, gap.to_tick, gap.why.clone());
+            let what = EventKind::ReplayInexact { service: Cow::Borrowed(service), from_tick, to_tick, reason };
+            events.push(Event::new(from_tick, "replay", Severity::Warning, what));
         }
         events.sort_by_key(|event| event.tick);
         events
@@ -216,12 +193,8 @@ impl WhatIf {
             .chain(self.run.labels.values().flatten().map(|label| &label.tick))
             .copied()
             .collect();
-        let mut rows: Vec<(&'static Signal, &Columns, usize)> = self
-            .run
-            .signals
-            .iter()
-            .filter_map(|(path, columns)| Some((*self.known.get(path.as_str())?, columns, 0)))
-            .collect();
+        let known = |(path, columns)| Some((*self.known.get(String::as_str(path))?, columns));
+        let rows: Vec<(&'static Signal, &Columns)> = self.run.signals.iter().filter_map(known).collect();
         let mut words: BTreeMap<&str, &'static str> = BTreeMap::new();
         let mut labels: Vec<(&'static Signal, &[Label], usize)> = Vec::new();
         for (path, changes) in &self.run.labels {
@@ -238,13 +211,8 @@ impl WhatIf {
             while let Some(event) = events.next_if(|event| event.tick <= tick.k) {
                 sink.event(event)?;
             }
-            for (signal, columns, row) in &mut rows {
-                while columns.tick.get(*row).is_some_and(|at| *at < k) {
-                    *row += 1;
-                }
-                if columns.tick.get(*row) == Some(&k)
-                    && let Some(values) = columns.row(*row)
-                {
+            for (signal, columns) in &rows {
+                if let Some(values) = columns.at(k) {
                     sink.vector(signal, values);
                 }
             }

@@ -204,7 +204,8 @@ pub struct Sweep {
     pub baseline: Option<String>,
     /// Groups of controllers of which the best is counted, seed by seed.
     pub best_of: Vec<Vec<String>>,
-    text: String,
+    /// The file's text.
+    pub text: String,
 }
 
 impl Sweep {
@@ -232,19 +233,17 @@ impl Sweep {
             trials.push(trial.into_inner());
         }
 
-        let hypercube = file.latin_hypercube;
-        let seed_per_sample =
-            hypercube.as_ref().and_then(|hypercube| hypercube.get_ref().seed_per_sample).unwrap_or(false);
+        let hypercube = file.latin_hypercube.as_ref().map(|written| (written.span().start, written.get_ref()));
+        let seed_per_sample = hypercube.is_some_and(|(_, hypercube)| hypercube.seed_per_sample.unwrap_or(false));
         let seeds = seeds(file.seeds.get_ref(), seed_per_sample)
             .map_err(|message| wrong(file.seeds.span().start, format!("seeds: {message}")))?;
-        let samples = hypercube.as_ref().map(|hypercube| hypercube.get_ref().samples);
-        if let Some(hypercube) = &hypercube
-            && !(1..=MOST_RUNS).contains(&hypercube.get_ref().samples)
+        let samples = hypercube.map_or(1, |(_, hypercube)| hypercube.samples);
+        if let Some((offset, _)) = hypercube
+            && !(1..=MOST_RUNS).contains(&samples)
         {
-            let message = format!("samples = {}: must be 1 to {MOST_RUNS}", hypercube.get_ref().samples);
-            return Err(wrong(hypercube.span().start, format!("latin_hypercube: {message}")));
+            return Err(wrong(offset, format!("latin_hypercube: samples = {samples}: must be 1 to {MOST_RUNS}")));
         }
-        let drawn = hypercube.as_ref().map(|hypercube| (hypercube.get_ref().seed, hypercube.get_ref().samples));
+        let drawn = hypercube.map(|(_, hypercube)| (hypercube.seed, hypercube.samples));
         let mut parameters: Vec<Parameter> = Vec::new();
         for written in file.parameter {
             let offset = written.span().start;
@@ -260,11 +259,11 @@ impl Sweep {
             }
             parameters.push(parameter);
         }
-        if let Some(hypercube) = &hypercube
+        if let Some((offset, _)) = hypercube
             && !parameters.iter().any(|parameter| parameter.sampled)
         {
             let message = "latin_hypercube: no parameter has a range without `steps` to be sampled".to_owned();
-            return Err(wrong(hypercube.span().start, message));
+            return Err(wrong(offset, message));
         }
 
         let name = path.file_stem().map_or_else(|| "sweep".to_owned(), |stem| stem.to_string_lossy().into_owned());
@@ -275,7 +274,7 @@ impl Sweep {
             trials,
             seeds,
             parameters,
-            samples: samples.unwrap_or(1),
+            samples,
             seed_per_sample,
             keep_recordings: file.recordings.unwrap_or_default(),
             limits: file.limits,
@@ -302,12 +301,6 @@ impl Sweep {
         }
         let text = loaded.table.to_string();
         Ok(Some((loaded.value, text)))
-    }
-
-    /// The file's text.
-    #[must_use]
-    pub fn text(&self) -> &str {
-        &self.text
     }
 
     /// An error at a parameter.

@@ -133,9 +133,8 @@ impl Sweep {
             let of_this = parameter.overrides(*choice).map_err(|message| self.wrong(parameter, &message))?;
             overrides.extend(of_this.into_iter().map(|over| (over, parameter)));
         }
-        if let Some((over, parameter)) = overrides
-            .iter()
-            .find(|(over, _)| library.overrides().iter().any(|given| given.location() == over.location()))
+        if let Some((over, parameter)) =
+            overrides.iter().find(|(over, _)| library.overrides.iter().any(|given| given.location() == over.location()))
         {
             let message = format!("{}: the sweep changes what --set fixes", over.location());
             return Err(self.wrong(parameter, &message));

@@ -2,8 +2,8 @@
 #![allow(dead_code, unreachable_pub, reason = "each test file uses its part")]
 
 use supertwin_core::run::Properties;
-use supertwin_core::source::{Label, RecordedRun};
-use supertwin_core::{Event, Probe, RunHeader, RunSink, Signal, SinkError, Tick};
+use supertwin_core::source::Label;
+use supertwin_core::{Event, Probe, RecordedRun, RunHeader, RunSink, Signal, SinkError, Tick};
 use supertwin_lab::{ResolvedTrial, RunOutcome, run};
 
 /// Keeps a run in memory.

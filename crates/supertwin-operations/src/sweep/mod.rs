@@ -376,7 +376,7 @@ fn write(
         ("supertwin.sweep", prepared.sweep.name.clone()),
         ("supertwin.plan", prepared.fingerprint.clone()),
         ("supertwin.program", program()),
-        ("supertwin.spec", prepared.sweep.text().to_owned()),
+        ("supertwin.spec", prepared.sweep.text.clone()),
     ]);
     if shard != Shard::WHOLE {
         about.insert("supertwin.shard", shard.to_string());

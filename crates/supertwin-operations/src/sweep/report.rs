@@ -367,7 +367,7 @@ impl Report {
             }
         }
         self.say("## The sweep's file");
-        self.say(&format!("```toml\n{}\n```", prepared.sweep.text().trim_end()));
+        self.say(&format!("```toml\n{}\n```", prepared.sweep.text.trim_end()));
         // One line break at the end.
         self.text.truncate(self.text.trim_end().len());
         self.text.push('\n');

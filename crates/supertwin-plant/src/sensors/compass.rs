@@ -24,9 +24,8 @@ pub struct CompassConfig {
 /// `psi + bias + noise`, in [−π, π).
 #[derive(Clone, Debug)]
 pub struct Compass {
+    config: CompassConfig,
     schedule: Schedule,
-    std_rad: f64,
-    bias_rad: f64,
     stream: Stream,
 }
 
@@ -34,19 +33,17 @@ impl Compass {
     /// Draws from the stream `compass`.
     #[must_use]
     pub fn new(config: &CompassConfig, seed: u64, dt_s: f64) -> Self {
-        Self {
-            schedule: Schedule::new(config.period_s.get(), dt_s),
-            std_rad: config.std_rad.get(),
-            bias_rad: config.bias_rad.get(),
-            stream: Stream::new(seed, "compass"),
-        }
+        let schedule = Schedule::new(config.period_s.get(), dt_s);
+        Self { config: *config, schedule, stream: Stream::new(seed, "compass") }
     }
 
     /// A reading, when one is due.
     pub fn step(&mut self, tick: Tick, heading_rad: f64) -> Option<HeadingSample> {
         self.schedule.is_due(tick).then(|| HeadingSample {
             taken_at_s: tick.t_s(),
-            heading_rad: ssa(heading_rad + self.bias_rad + self.std_rad * self.stream.normal()),
+            heading_rad: ssa(heading_rad
+                + self.config.bias_rad.get()
+                + self.config.std_rad.get() * self.stream.normal()),
         })
     }
 }

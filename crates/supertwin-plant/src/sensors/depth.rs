@@ -21,8 +21,8 @@ pub struct DepthSensorConfig {
 /// `depth + ζ e^{−kz} + noise`.
 #[derive(Clone, Debug)]
 pub struct DepthSensor {
+    config: DepthSensorConfig,
     schedule: Schedule,
-    std_m: f64,
     stream: Stream,
 }
 
@@ -30,18 +30,15 @@ impl DepthSensor {
     /// Draws from the stream `depth`.
     #[must_use]
     pub fn new(config: &DepthSensorConfig, seed: u64, dt_s: f64) -> Self {
-        Self {
-            schedule: Schedule::new(config.period_s.get(), dt_s),
-            std_m: config.std_m.get(),
-            stream: Stream::new(seed, "depth"),
-        }
+        let schedule = Schedule::new(config.period_s.get(), dt_s);
+        Self { config: *config, schedule, stream: Stream::new(seed, "depth") }
     }
 
     /// A reading, when one is due.
     pub fn step(&mut self, tick: Tick, depth_m: f64, pressure_head_m: f64) -> Option<DepthSample> {
         self.schedule.is_due(tick).then(|| DepthSample {
             taken_at_s: tick.t_s(),
-            depth_m: depth_m + pressure_head_m + self.std_m * self.stream.normal(),
+            depth_m: depth_m + pressure_head_m + self.config.std_m.get() * self.stream.normal(),
         })
     }
 }

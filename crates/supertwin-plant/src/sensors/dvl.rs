@@ -82,7 +82,8 @@ pub struct Dvl {
     timing: Stream,
     noise: Stream,
     fish: Stream,
-    lost: u64,
+    /// Pings lost inside the instrument because too many were under way.
+    pub lost: u64,
 }
 
 impl Dvl {
@@ -108,18 +109,6 @@ impl Dvl {
     pub fn silence_until(&mut self, t_s: f64) {
         self.silent_until_s = t_s;
         self.under_way.clear();
-    }
-
-    /// The beams.
-    #[must_use]
-    pub fn array(&self) -> &SonarArray {
-        &self.array
-    }
-
-    /// Pings lost inside the instrument because too many were under way.
-    #[must_use]
-    pub fn lost(&self) -> u64 {
-        self.lost
     }
 
     /// Pings when it is time to, and delivers what has arrived, in order, at most one ping per tick.
@@ -168,7 +157,7 @@ impl Dvl {
             (c.min_range_m.get()..=c.max_range_m.get()).contains(&range_m).then_some(range_m)
         });
         // Velocity relative to the net, which moves outwards along the bearing of the vehicle.
-        let net_speed = scene.cage.outward_speed_m_per_s();
+        let net_speed = scene.cage.outward_speed_m_per_s;
         let net_velocity = scene.heading.body_from_ned(Vector3::new(north * net_speed, east * net_speed, 0.0));
         let fish_std = if any_hit { c.fish.velocity_std_m_per_s.get() } else { 0.0 };
         let noise = self.noise.normals::<3>() * c.velocity_std_m_per_s.get() + self.fish.normals::<3>() * fish_std;

@@ -20,8 +20,7 @@ pub struct GyroConfig {
 /// `r + bias + noise`.
 #[derive(Clone, Debug)]
 pub struct Gyro {
-    std_rad_per_s: f64,
-    bias_rad_per_s: f64,
+    config: GyroConfig,
     stream: Stream,
 }
 
@@ -29,18 +28,13 @@ impl Gyro {
     /// Draws from the stream `gyro`.
     #[must_use]
     pub fn new(config: &GyroConfig, seed: u64) -> Self {
-        Self {
-            std_rad_per_s: config.std_rad_per_s.get(),
-            bias_rad_per_s: config.bias_rad_per_s.get(),
-            stream: Stream::new(seed, "gyro"),
-        }
+        Self { config: *config, stream: Stream::new(seed, "gyro") }
     }
 
     /// A reading.
     pub fn step(&mut self, tick: Tick, yaw_rate_rad_per_s: f64) -> YawRateSample {
-        YawRateSample {
-            taken_at_s: tick.t_s(),
-            yaw_rate_rad_per_s: yaw_rate_rad_per_s + self.bias_rad_per_s + self.std_rad_per_s * self.stream.normal(),
-        }
+        let noise = self.config.std_rad_per_s.get() * self.stream.normal();
+        let yaw_rate_rad_per_s = yaw_rate_rad_per_s + self.config.bias_rad_per_s.get() + noise;
+        YawRateSample { taken_at_s: tick.t_s(), yaw_rate_rad_per_s }
     }
 }

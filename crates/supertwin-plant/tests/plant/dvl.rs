@@ -74,7 +74,7 @@ fn the_dvl_pings_at_8_hz_and_delivers_in_order_after_its_latency() {
     assert!(least >= 0.04 - 1e-9, "{least}");
     // 0.09 s, up to the next tick (half a tick in the mean), and a slow ping holds up the one behind it (5 ms).
     assert!((0.09 + 0.5 * H_S..0.09 + 0.5 * H_S + 0.007).contains(&mean), "{mean}");
-    assert_eq!(bench.dvl.lost(), 0);
+    assert_eq!(bench.dvl.lost, 0);
     // Intervals jitter by 10 %.
     let gaps: Vec<f64> = pings.windows(2).map(|pair| pair[1].1 - pair[0].1).collect();
     let gap_mean = gaps.iter().sum::<f64>() / gaps.len() as f64;
@@ -260,5 +260,5 @@ fn a_silent_dvl_delivers_nothing_until_it_speaks_again() {
         }
     }
     assert!(after > 80, "{after} pings");
-    assert_eq!(bench.plant.truth(), healthy.plant.truth());
+    assert_eq!(&bench.plant.truth, &healthy.plant.truth);
 }

@@ -151,7 +151,7 @@ impl Bench {
         for _ in 0..ticks {
             self.step(thrust);
         }
-        self.plant.truth()
+        &self.plant.truth
     }
     fn command(&mut self, command: &PlantCommand) {
         let tick = self.tick();
@@ -211,17 +211,17 @@ fn a_driven_plant_feels_the_given_force_and_nothing_of_the_sea() {
         for _ in 0..60 {
             bench.plant.drive(Drive { force_ned_n, yaw_nm: 0.0 });
             let measured = bench.step(&idle());
-            let truth = bench.plant.truth();
+            let truth = &bench.plant.truth;
             if let Some(sample) = measured.depth {
                 assert_eq!(sample.depth_m.to_bits(), truth.depth_m.to_bits(), "no wave's pressure");
             }
             assert_eq!((truth.current_m_per_s, truth.water_velocity.to_array()), ([0.0; 3], [0.0; 4]));
         }
-        let disturbance = bench.plant.truth().disturbance.to_array();
-        let of_heading = Heading::new(bench.plant.truth().heading_rad);
+        let disturbance = bench.plant.truth.disturbance.to_array();
+        let of_heading = Heading::new(bench.plant.truth.heading_rad);
         let back = of_heading.ned_from_body(Vector3::new(disturbance[0], disturbance[1], disturbance[2]));
         assert!((back - Vector3::from(force_ned_n)).norm() < 0.5, "{back}");
-        let velocity = velocity_ned(bench.plant.truth());
+        let velocity = velocity_ned(&bench.plant.truth);
         assert!(velocity.x > 0.05 && velocity.y > 0.0, "{velocity}");
         directions.push(libm::atan2(velocity.y, velocity.x));
     }
@@ -294,12 +294,12 @@ fn at_the_twins_step_the_sub_step_does_not_matter() {
 fn the_first_tick_only_measures() {
     let setup = Setup::quiet();
     let mut bench = setup.build(1);
-    let before = bench.plant.truth().clone();
+    let before = bench.plant.truth.clone();
     assert!((before.net_distance_m - 10.0).abs() < 1e-12);
     assert!((before.depth_m - 4.0).abs() < 1e-12 && (before.net_heading_rad - 0.4).abs() < 1e-12);
     assert!((before.heading_rad - 0.5).abs() < 1e-12, "0.1 off the direction that faces the net");
     let measurements = bench.step(&ahead(100.0));
-    assert_eq!(*bench.plant.truth(), before);
+    assert_eq!(bench.plant.truth, before);
     assert!(measurements.depth.is_some() && measurements.compass.is_some() && measurements.gyro.is_some());
 }
 
@@ -312,7 +312,7 @@ fn the_start_is_drawn_within_its_ranges() {
         .start("bearing_rad", range(-3.1, 3.1));
     let mut distances = Vec::new();
     for seed in 0..50 {
-        let truth = setup.build(seed).plant.truth().clone();
+        let truth = setup.build(seed).plant.truth.clone();
         assert!((3.4..4.2).contains(&truth.net_distance_m), "{}", truth.net_distance_m);
         assert!(ssa(truth.heading_rad - truth.net_heading_rad).abs() <= 0.24);
         distances.push(truth.net_distance_m);
@@ -330,7 +330,7 @@ fn one_seed_is_one_run_to_the_bit_and_another_seed_is_another_run() {
     for _ in 0..2000 {
         let (x, y, z) = (a.step(&command), b.step(&command), c.step(&command));
         assert_eq!(x, y);
-        assert_eq!(a.plant.truth(), b.plant.truth());
+        assert_eq!(a.plant.truth, b.plant.truth);
         differs += u32::from(x != z);
     }
     assert_eq!(differs, 2000, "another seed has other noise at every tick");
@@ -363,7 +363,7 @@ fn the_current_weakens_and_veers_with_depth() {
             .start("depth_m", depth_m)
             .build(1);
         bench.run(2, &idle());
-        let truth = bench.plant.truth();
+        let truth = &bench.plant.truth;
         let water = truth.water_velocity.to_array();
         Heading::new(truth.heading_rad).ned_from_body(Vector3::new(water[0], water[1], water[2]))
     };

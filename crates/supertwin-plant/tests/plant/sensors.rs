@@ -61,7 +61,7 @@ fn the_pressure_sensor_sees_the_dynamic_pressure_of_the_waves() {
     for _ in 0..5000 {
         if let Some(sample) = bench.step(&idle()).depth {
             readings.push(sample.depth_m);
-            depths.push(bench.plant.truth().depth_m);
+            depths.push(bench.plant.truth.depth_m);
         }
     }
     let moved = |depths: &[f64]| {
@@ -91,7 +91,7 @@ fn sensors_have_streams_of_their_own() {
         let (mut dvl, mut dvl_differs) = (0, 0);
         for k in 0..1500 {
             let (x, y) = (a.step(&command), b.step(&command));
-            assert_eq!(a.plant.truth(), b.plant.truth(), "no sensor moves the vehicle");
+            assert_eq!(&a.plant.truth, &b.plant.truth, "no sensor moves the vehicle");
             if i != 3 {
                 assert_eq!(x.depth, y.depth, "variant {i}, tick {k}");
             }
@@ -114,7 +114,7 @@ fn a_random_ride_stays_a_number_and_moves_continuously() {
     let mut draw = Stream::new(30, "ride");
     let mut bench = Setup::new("rataren").start("depth_m", 8.0).build(11);
     let mut command = idle();
-    let mut last = bench.plant.truth().clone();
+    let mut last = bench.plant.truth.clone();
     for k in 0..5000 {
         if k % 25 == 0 {
             // 6 N down in the mean hold it against its buoyancy.
@@ -129,7 +129,7 @@ fn a_random_ride_stays_a_number_and_moves_continuously() {
         }
         let measurements = bench.step(&command);
         assert!(measurements.is_finite(), "tick {k}: {measurements:?}");
-        let truth = bench.plant.truth();
+        let truth = &bench.plant.truth;
         assert!(truth.is_finite());
         assert!((-core::f64::consts::PI..core::f64::consts::PI).contains(&truth.heading_rad));
         // Position is the integral of velocity, heading that of the yaw rate: trapezoids to 1 mm and 1 mrad.
@@ -150,11 +150,11 @@ fn diving_needs_thrust_against_buoyancy() {
     // 12 N up, 2 · 6 N down: balanced, so a vehicle at rest stays at its depth once the thrust is there.
     let mut bench = Setup::quiet().vehicle("true.net_buoyancy_n", 12.0).build(1);
     bench.run(2000, &down(6.0));
-    let truth = bench.plant.truth();
+    let truth = &bench.plant.truth;
     assert!(truth.velocity.heave_m_per_s.abs() < 1e-6, "{}", truth.velocity.heave_m_per_s);
     assert!((truth.depth_m - 4.0).abs() < 0.05, "{}", truth.depth_m);
     bench.run(1000, &down(20.0));
-    assert!(bench.plant.truth().depth_m > 6.0, "and more thrust dives");
+    assert!(bench.plant.truth.depth_m > 6.0, "and more thrust dives");
 }
 
 #[test]
@@ -164,7 +164,7 @@ fn the_surface_holds_the_vehicle_back_whatever_the_thrusters_do() {
     let mut shallowest: f64 = 10.0;
     for _ in 0..6000 {
         bench.step(&down(-100.0));
-        let truth = bench.plant.truth();
+        let truth = &bench.plant.truth;
         assert!(supertwin_core::Message::is_finite(truth), "{truth:?}");
         shallowest = shallowest.min(truth.depth_m);
     }
@@ -173,7 +173,7 @@ fn the_surface_holds_the_vehicle_back_whatever_the_thrusters_do() {
     // Without thrust the floats keep it up there, in waves of 0.6 m.
     for _ in 0..3000 {
         bench.step(&idle());
-        let depth_m = bench.plant.truth().depth_m;
+        let depth_m = bench.plant.truth.depth_m;
         assert!((-0.6..2.0).contains(&depth_m), "{depth_m}");
     }
 }

@@ -64,7 +64,7 @@ fn a_command_that_is_no_number_makes_no_force() {
     let mut bench = Setup::new("rataren").build(1);
     for _ in 0..500 {
         let measurements = bench.step(&thrust([f64::NAN; 6]));
-        assert!(measurements.is_finite() && bench.plant.truth().is_finite());
+        assert!(measurements.is_finite() && bench.plant.truth.is_finite());
     }
 }
 
@@ -126,7 +126,7 @@ fn a_thrust_command_that_is_too_old_means_neutral() {
         if !missing {
             for _ in 0..STALE_TICKS {
                 bench.step_with(Input::Held { value: &command, made_at });
-                assert!(bench.plant.truth().thruster_force_n[0] > 49.0, "held up to 0.5 s");
+                assert!(bench.plant.truth.thruster_force_n[0] > 49.0, "held up to 0.5 s");
                 assert!(health(&bench) <= 0.0);
             }
         }
@@ -134,10 +134,10 @@ fn a_thrust_command_that_is_too_old_means_neutral() {
         for i in 0..100 {
             bench.step_with(if missing { Input::Missing } else { Input::Held { value: &command, made_at } });
             assert!(health(&bench) >= 1.0, "said so");
-            let force = bench.plant.truth().thruster_force_n[0];
+            let force = bench.plant.truth.thruster_force_n[0];
             assert_eq!(force > 49.0, i < 5, "tick {i}: {force}");
         }
-        assert!(bench.plant.truth().thruster_force_n[0] < 1e-3);
+        assert!(bench.plant.truth.thruster_force_n[0] < 1e-3);
         bench.step(&command);
         assert!(health(&bench) <= 0.0, "fresh again");
     }

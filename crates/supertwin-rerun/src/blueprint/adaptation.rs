@@ -1,6 +1,5 @@
 //! What does the control law do? The paper's figure 5, with what drives the gains and what comes of them.
 
-use super::Description;
 use super::views::{Canvas, Legend, all, only, siblings};
 use crate::signals;
 use rerun::blueprint::{ContainerLike, Horizontal, Tabs, Vertical};
@@ -8,14 +7,7 @@ use supertwin_core::Capability;
 use supertwin_core::axes::AXIS_NAMES;
 use supertwin_core::signal::{Component, controller, thrust, wrench_request};
 
-pub(super) static DASHBOARD: Description = Description {
-    name: "adaptation",
-    about: "sliding variable, adaptive gains (figure 5), integrator, wrench, chattering",
-    suits: |_| true,
-    views: Some(views),
-};
-
-fn views(canvas: &mut Canvas) -> ContainerLike {
+pub(super) fn views(canvas: &mut Canvas) -> ContainerLike {
     let mut kinds: Vec<ContainerLike> = Vec::new();
     if canvas.about.has(Capability::SlidingVariable) {
         kinds.push(super_twisting(canvas));

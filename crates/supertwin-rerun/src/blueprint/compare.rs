@@ -2,21 +2,14 @@
 //!
 //! It depends on the names of the runs, so it stands only in files that [`mod@crate::merge`] writes.
 
+use super::About;
 use super::views::{Canvas, Curves, Legend};
-use super::{About, Description};
 use rerun::blueprint::{ContainerLike, Grid, Horizontal, Vertical};
 use std::collections::BTreeMap;
 use supertwin_core::Signal;
 use supertwin_core::axes::AXIS_NAMES;
 use supertwin_core::signal::controller;
 use supertwin_core::signal::tracking::{QUANTITIES, Quantity};
-
-pub(super) static DASHBOARD: Description = Description {
-    name: "compare",
-    about: "several runs side by side; only files of `supertwin compare --out` have it, for their runs' names",
-    suits: |_| false,
-    views: None,
-};
 
 /// What there is to compare, and where it stands in the file.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -32,19 +25,11 @@ pub struct Compared {
     /// There is a picture.
     pub(crate) scene: bool,
     /// Labels are groups of several runs.
-    pub(crate) several: bool,
+    pub several: bool,
     /// What the others are held against.
     pub(crate) baseline: Option<String>,
     /// What 0 s is.
     pub(crate) aligned_on: String,
-}
-
-impl Compared {
-    /// What is compared are groups of several runs.
-    #[must_use]
-    pub fn several(&self) -> bool {
-        self.several
-    }
 }
 
 /// Tabs of the dashboard of comparisons, from left to right.

@@ -1,6 +1,5 @@
 //! Does the vehicle know where it is? The filter's surprises, its own doubts, and the net in front.
 
-use super::Description;
 use super::views::{Canvas, Legend, all, only, siblings};
 use crate::{signals, style};
 use rerun::blueprint::{ContainerLike, Grid, Horizontal, Vertical};
@@ -10,14 +9,7 @@ use supertwin_core::signal::{Component, estimator, nav, truth};
 /// Room for a legend in a narrow plot.
 const NARROW: Legend = Legend::Beside(0.5);
 
-pub(super) static DASHBOARD: Description = Description {
-    name: "estimation",
-    about: "innovations with their gates, NIS, deviations, disturbance, beams, net plane",
-    suits: |_| true,
-    views: Some(views),
-};
-
-fn views(canvas: &mut Canvas) -> ContainerLike {
+pub(super) fn views(canvas: &mut Canvas) -> ContainerLike {
     let mut plots = Vec::new();
     for (title, signal) in [
         ("DVL surge innovation, bounds", &signals::INNOVATION_SURGE),

@@ -1,6 +1,5 @@
 //! Do the services keep up with each other? Only recordings made over the network know.
 
-use super::Description;
 use super::views::{Canvas, Curves, Legend, all};
 use crate::style;
 use rerun::blueprint::{ContainerLike, Horizontal, Vertical};
@@ -10,14 +9,7 @@ use supertwin_core::signal::link::{self, Account};
 /// Room for a legend in a narrow plot.
 const NARROW: Legend = Legend::Beside(0.5);
 
-pub(super) static DASHBOARD: Description = Description {
-    name: "link",
-    about: "ages, gaps, rates, step times and deadlines of the services; network recordings only",
-    suits: |about| about.network,
-    views: Some(views),
-};
-
-fn views(canvas: &mut Canvas) -> ContainerLike {
+pub(super) fn views(canvas: &mut Canvas) -> ContainerLike {
     let rate = SERVICES.iter().enumerate().map(|(i, service)| {
         let rate = Curves { only: Some((0, 1)), ..all(&link::RATE.path(service)) };
         rate.in_color(style::palette(i)).called(service)

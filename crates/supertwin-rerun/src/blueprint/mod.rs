@@ -1,6 +1,6 @@
 //! The dashboards: which curves stand where when a recording is opened.
 //!
-//! Each dashboard is one file here, which says what it answers, and one line of [`DASHBOARDS`]; each that suits any run is
+//! Each dashboard is one file here and one line of [`DASHBOARDS`], which says what it answers; each that suits any run is
 //! also one file in the folder `dashboards`. Every recording carries all that suit it, as tabs.
 
 mod adaptation;
@@ -12,7 +12,7 @@ mod thrusters;
 mod tracking;
 mod views;
 
-use crate::chunks::{Problem, text};
+use crate::chunks::text;
 use crate::{APPLICATION, COMPARISON};
 pub use compare::{Compared, TABS, Tab};
 use rerun::StoreKind;
@@ -28,17 +28,49 @@ use views::Canvas;
 pub use views::{Curves, View};
 
 /// All dashboards, in the order of the tabs.
-pub static DASHBOARDS: &[&Description] = &[
-    &overview::DASHBOARD,
-    &tracking::DASHBOARD,
-    &adaptation::DASHBOARD,
-    &estimation::DASHBOARD,
-    &thrusters::DASHBOARD,
-    &link::DASHBOARD,
-    &compare::DASHBOARD,
+pub static DASHBOARDS: &[Description] = &[
+    Description::of_a_run(
+        "overview",
+        "where the vehicle is and what it is doing: 3-D picture, modes, events",
+        overview::views,
+    ),
+    Description::of_a_run(
+        "tracking",
+        "measured, wanted and true signals: the paper's figures 3, 4 and 6",
+        tracking::views,
+    ),
+    Description::of_a_run(
+        "adaptation",
+        "sliding variable, adaptive gains (figure 5), integrator, wrench, chattering",
+        adaptation::views,
+    ),
+    Description::of_a_run(
+        "estimation",
+        "innovations with their gates, NIS, deviations, disturbance, beams, net plane",
+        estimation::views,
+    ),
+    Description::of_a_run(
+        "thrusters",
+        "commands, forces, saturation, requested against allocated wrench",
+        thrusters::views,
+    ),
+    Description {
+        suits: |about| about.network,
+        ..Description::of_a_run(
+            "link",
+            "ages, gaps, rates, step times and deadlines of the services; network recordings only",
+            link::views,
+        )
+    },
+    Description {
+        name: "compare",
+        about: "several runs side by side; only files of `supertwin compare --out` have it, for their runs' names",
+        suits: |_| false,
+        views: None,
+    },
 ];
 
-/// A dashboard as its own file declares it.
+/// A dashboard.
 #[derive(Debug)]
 pub struct Description {
     /// Its name, and the name of its file.
@@ -52,6 +84,10 @@ pub struct Description {
 }
 
 impl Description {
+    const fn of_a_run(name: &'static str, about: &'static str, views: fn(&mut Canvas) -> ContainerLike) -> Self {
+        Self { name, about, suits: |_| true, views: Some(views) }
+    }
+
     /// The dashboard for a run; `None` of the one that depends on which runs are compared.
     #[must_use]
     pub fn dashboard(&self, about: &About) -> Option<Dashboard> {
@@ -164,10 +200,6 @@ pub fn file(dashboard: Dashboard) -> Result<Vec<u8>, String> {
 /// # Errors
 /// When Rerun refuses the dashboard.
 pub fn messages(dashboard: Dashboard) -> Result<Vec<LogMsg>, String> {
-    compose(dashboard).map_err(text)
-}
-
-fn compose(dashboard: Dashboard) -> Result<Vec<LogMsg>, Problem> {
     let time = TimePanel::new()
         .with_state(values::PanelState::Collapsed)
         .with_timeline(crate::TIME)

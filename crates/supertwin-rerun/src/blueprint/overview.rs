@@ -1,18 +1,10 @@
 //! Where is the vehicle, and what is it doing?
 
-use super::Description;
 use super::views::{Canvas, Legend, entity};
 use rerun::blueprint::{ContainerLike, Horizontal, Vertical};
 use supertwin_core::signal::{controller, guidance, reference, tracking};
 
-pub(super) static DASHBOARD: Description = Description {
-    name: "overview",
-    about: "where the vehicle is and what it is doing: 3-D picture, modes, events",
-    suits: |_| true,
-    views: Some(views),
-};
-
-fn views(canvas: &mut Canvas) -> ContainerLike {
+pub(super) fn views(canvas: &mut Canvas) -> ContainerLike {
     // The origin moves with the vehicle, so that it stays in view wherever it goes.
     let vehicle = canvas.picture(
         "Vehicle: thrust (orange), current (cyan), DVL beams accepted (green), rejected (red)",

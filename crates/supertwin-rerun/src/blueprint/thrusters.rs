@@ -1,20 +1,12 @@
 //! Can the thrusters do what the law asks for?
 
-use super::Description;
 use super::views::{Canvas, Curves, Legend, all, only_of, siblings};
 use crate::{signals, style};
 use rerun::blueprint::{ContainerLike, Grid, Horizontal, Vertical};
 use supertwin_core::Signal;
 use supertwin_core::signal::{Component, controller, link, plant, thrust, truth};
 
-pub(super) static DASHBOARD: Description = Description {
-    name: "thrusters",
-    about: "commands, forces, saturation, requested against allocated wrench",
-    suits: |_| true,
-    views: Some(views),
-};
-
-fn views(canvas: &mut Canvas) -> ContainerLike {
+pub(super) fn views(canvas: &mut Canvas) -> ContainerLike {
     let n = canvas.about.thrusters;
     let forces: ContainerLike = if n == 0 {
         // Which of them there are, only a recording knows.

@@ -1,19 +1,11 @@
 //! Does the vehicle do what it should? The paper's figures 3, 4 and 6, with the truth beside them.
 
-use super::Description;
 use super::views::{Canvas, Legend, entity};
 use rerun::blueprint::{ContainerLike, Grid, Vertical};
 use supertwin_core::signal::reference;
 use supertwin_core::signal::tracking::QUANTITIES;
 
-pub(super) static DASHBOARD: Description = Description {
-    name: "tracking",
-    about: "measured, wanted and true signals: the paper's figures 3, 4 and 6",
-    suits: |_| true,
-    views: Some(views),
-};
-
-fn views(canvas: &mut Canvas) -> ContainerLike {
+pub(super) fn views(canvas: &mut Canvas) -> ContainerLike {
     let plots: Vec<_> = QUANTITIES
         .iter()
         .map(|quantity| canvas.signal(quantity.title, quantity.signal, Legend::Beside(0.16)))

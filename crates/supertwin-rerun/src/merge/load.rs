@@ -48,8 +48,7 @@ pub(super) struct Shift {
 impl Shift {
     /// As many ticks as the time has in this run.
     fn new(ns: i64, recording: &Recording) -> Self {
-        let property = |name| recording.properties.get("run").and_then(|run| run.get(name));
-        let dt_s = match property("tick_s") {
+        let dt_s = match recording.property("run", "tick_s") {
             Some(Property::Number(dt_s)) if *dt_s > 0.0 => Some(*dt_s),
             _ => recording.signals.values().find_map(|columns| {
                 let ticks = columns.tick.last()? - columns.tick.first()?;
@@ -127,17 +126,8 @@ impl Loaded {
         self.signals.get(quantity.signal.path)
     }
 
-    /// The net, to be drawn at `entity`.
-    pub(super) fn net(&self, entity: &EntityPath) -> Result<Vec<Chunk>, Problem> {
-        self.moved(NET, entity)
-    }
-
-    /// The mode of guidance, to be drawn at `entity`.
-    pub(super) fn mode(&self, entity: &EntityPath) -> Result<Vec<Chunk>, Problem> {
-        self.moved(reference::MODE.path, entity)
-    }
-
-    fn moved(&self, path: &str, entity: &EntityPath) -> Result<Vec<Chunk>, Problem> {
+    /// The drawing at `path`, to be drawn at `entity`.
+    pub(super) fn moved(&self, path: &str, entity: &EntityPath) -> Result<Vec<Chunk>, Problem> {
         let path = EntityPath::from(path);
         let pieces = self.drawings.iter().filter(|piece| *piece.entity_path() == path);
         pieces.map(|piece| moved(piece, entity.clone(), self.shift)).collect()

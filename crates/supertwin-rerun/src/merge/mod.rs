@@ -26,7 +26,7 @@ use crate::blueprint::Compared;
 use crate::chunks::Problem;
 use crate::read::{Damage, ReadError};
 use crate::writer::Writer;
-use crate::{COMPARISON, atomic_file, style};
+use crate::{COMPARISON, atomic_file};
 use load::Loaded;
 use rerun::external::re_log_encoding::EncodingOptions;
 use rerun::{StoreId, StoreKind};
@@ -104,13 +104,8 @@ pub enum MergeError {
     #[error("{0}")]
     Call(String),
     /// The merged file can't be written.
-    #[error("{}: {cause}", path.display())]
-    Write {
-        /// The merged file.
-        path: PathBuf,
-        /// What the system or the parser reported.
-        cause: String,
-    },
+    #[error("{0}")]
+    Write(String),
 }
 
 /// What a curve is called and how it is drawn: a run, or a group of runs.
@@ -147,11 +142,10 @@ pub fn merge(merge: &Merge, out: &Path, overwrite: bool) -> Result<Merged, Merge
         let what = "in none of the recordings is there any signal that is compared, such as";
         return Err(MergeError::Call(format!("{what} {}", tracking::SWAY.path)));
     }
-    let failed = |cause: String| MergeError::Write { path: out.to_owned(), cause };
     let written = atomic_file::create(out, overwrite, |file, _| to_file(merge, &runs, merged.every_ticks, file));
-    (merged.bytes, merged.compared) = written.map_err(|failure| match failure {
-        Failure::Read(error) => MergeError::Read(error),
-        Failure::Write(cause) => failed(cause),
+    (merged.bytes, merged.compared) = written.map_err(|error| match error {
+        MergeError::Write(cause) => MergeError::Write(format!("{}: {cause}", out.display())),
+        other => other,
     })?;
     Ok(merged)
 }
@@ -179,30 +173,24 @@ fn check(merge: &Merge) -> Result<(), String> {
     }
 }
 
-/// What goes wrong on the way to the file.
-enum Failure {
-    Read(ReadError),
-    Write(Problem),
-}
-
-impl From<io::Error> for Failure {
+impl From<io::Error> for MergeError {
     fn from(error: io::Error) -> Self {
         Self::Write(error.to_string())
     }
 }
 
-impl From<Problem> for Failure {
+impl From<Problem> for MergeError {
     fn from(problem: Problem) -> Self {
         Self::Write(problem)
     }
 }
 
-fn to_file(merge: &Merge, runs: &[Loaded], every: i64, file: File) -> Result<(u64, Compared), Failure> {
+fn to_file(merge: &Merge, runs: &[Loaded], every: i64, file: File) -> Result<(u64, Compared), MergeError> {
     let store = StoreId::new(StoreKind::Recording, COMPARISON, merge.name.as_str());
     let disk = file.try_clone()?;
     let writer = Writer::start(BufWriter::new(file), store.clone(), EncodingOptions::PROTOBUF_COMPRESSED)?;
     let sent = write::all(merge, runs, every, &store, &mut |job| writer.send(job));
-    let sent = sent.map_err(Failure::Write).and_then(|compared| {
+    let sent = sent.map_err(MergeError::from).and_then(|compared| {
         if merge.all {
             everything(merge, runs, &writer)?;
         }
@@ -213,25 +201,20 @@ fn to_file(merge: &Merge, runs: &[Loaded], every: i64, file: File) -> Result<(u6
     let (compared, bytes) = (sent?, written?);
     disk.sync_all()?;
     if disk.metadata()?.len() != bytes {
-        return Err(Failure::Write("the file is incomplete".to_owned()));
+        return Err(MergeError::Write("the file is incomplete".to_owned()));
     }
     Ok((bytes, compared))
 }
 
 /// All pieces of all runs, as they stand in their files; one run at a time is in memory.
-fn everything(merge: &Merge, runs: &[Loaded], writer: &Writer) -> Result<(), Failure> {
+fn everything(merge: &Merge, runs: &[Loaded], writer: &Writer) -> Result<(), MergeError> {
     for (run, loaded) in merge.runs.iter().zip(runs) {
-        let pieces = load::everything(run, loaded.shift).map_err(Failure::Read)?;
+        let pieces = load::everything(run, loaded.shift)?;
         for piece in pieces {
             writer.send(piece?)?;
         }
     }
     Ok(())
-}
-
-fn labels(merge: &Merge) -> Vec<Label> {
-    let label = |(i, name): (usize, &String)| Label { name: name.clone(), color: style::palette(i) };
-    merge.groups.iter().enumerate().map(label).collect()
 }
 
 /// Entity of `path` in the merged recording: `/runs/<name>/<path>`.

@@ -127,27 +127,19 @@ impl<'a> Cursor<'a> {
     }
 }
 
-/// What runs of one group have in common: at every time that half of them know, the median, and the values that a tenth
-/// of them are below and above.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Spread {
-    pub(super) tick: Vec<i64>,
-    pub(super) time_ns: Vec<i64>,
-    /// Median, 10 %, 90 %, row by row.
-    pub(super) values: Vec<f64>,
-}
-
 /// Quantiles that are drawn.
 const QUANTILES: [f64; 3] = [0.5, 0.1, 0.9];
 
-pub(super) fn spread(series: &[Series]) -> Spread {
+/// What runs of one group have in common: at every time that half of them know, the median, and the values that a tenth
+/// of them are below and above; three values a row.
+pub(super) fn spread(series: &[Series]) -> Series {
     let mut grid: Vec<(i64, i64)> =
         series.iter().flat_map(|series| series.time_ns.iter().copied().zip(series.tick.iter().copied())).collect();
     grid.sort_unstable();
     grid.dedup_by(|next, kept| next.0 - kept.0 <= SAME_NS);
     // What is compared are deviations, so angles need no turns here.
     let mut cursors: Vec<Cursor<'_>> = series.iter().map(|series| Cursor::new(series, false)).collect();
-    let mut spread = Spread::default();
+    let mut spread = Series::default();
     let mut values = Vec::with_capacity(series.len());
     for (time_ns, tick) in grid {
         values.clear();

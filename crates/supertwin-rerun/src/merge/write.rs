@@ -2,9 +2,10 @@
 
 use super::load::{Loaded, MEASURED, REFERENCE, is_tracked};
 use super::series::{self, Series};
-use super::{Label, Merge, labels, of_run, scores};
+use super::{Label, Merge, of_run, scores};
 use crate::blueprint::{self, Compared, Curves, Dashboard};
-use crate::chunks::{Problem, Rows, Times, columns, fixed, text};
+use crate::chunks::{Problem, Rows, Times, columns, fixed};
+use crate::scene::NET;
 use crate::sink::properties;
 use crate::style;
 use crate::writer::Job;
@@ -100,6 +101,8 @@ impl<'a> Drawing<'a> {
             .map(|group| (0..runs.len()).filter(|&run| merge.runs[run].group == group).collect::<Vec<_>>());
         let members: Vec<_> = members.collect();
         let several = members.iter().any(|members| members.len() > 1);
+        let names = merge.groups.iter().enumerate();
+        let labels = names.map(|(i, name)| Label { name: name.clone(), color: style::palette(i) });
         let times = || {
             runs.iter()
                 .flat_map(|run| run.signals.values())
@@ -112,7 +115,7 @@ impl<'a> Drawing<'a> {
         compared.about.from_s = from;
         compared.about.span_s = Some((to - from).max(1e-3));
         compared.aligned_on.clone_from(&merge.aligned_on);
-        Self { merge, runs, labels: labels(merge), members, several, jobs: Vec::new(), compared }
+        Self { merge, runs, labels: labels.collect(), members, several, jobs: Vec::new(), compared }
     }
 
     /// A curve per label in the plot `kind`, such as `error/sway`; `of` gives that of one run.
@@ -126,43 +129,37 @@ impl<'a> Drawing<'a> {
     }
 
     fn curve(&mut self, kind: &str, label: usize, mut members: Vec<Series>) -> Result<(), Problem> {
-        let Label { name, color } = self.labels[label].clone();
-        let entity = EntityPath::from("compare")
-            .join(&EntityPath::from(kind))
-            .join(&EntityPath::from_single_string(name.as_str()));
+        let label = self.labels[label].clone();
         let [median, single, limit] = WIDTHS;
-        if self.several {
-            let spread = series::spread(&members);
-            if spread.tick.is_empty() {
-                return Ok(());
-            }
-            // Curves of one name and colour are one line of the legend.
-            let lines = rerun::SeriesLines::new()
-                .with_names([name.as_str(); 3])
-                .with_colors([color; 3])
-                .with_widths([median, limit, limit]);
-            self.jobs.push(Job::Chunk(fixed(entity.clone(), &lines)?));
-            self.rows(&entity, &spread.tick, &spread.time_ns, 3, &spread.values);
-        } else {
-            let Some(series) = members.pop() else { return Ok(()) };
-            let lines =
-                rerun::SeriesLines::new().with_names([name.as_str()]).with_colors([color]).with_widths([single]);
-            self.jobs.push(Job::Chunk(fixed(entity.clone(), &lines)?));
-            self.rows(&entity, &series.tick, &series.time_ns, 1, &series.values);
+        let entity = curve_entity(kind, &label);
+        if !self.several {
+            return members.pop().map_or(Ok(()), |series| self.draw(kind, &entity, &label, &[single], &series));
         }
-        self.show(kind, &entity, &name, color);
-        Ok(())
+        let spread = series::spread(&members);
+        if spread.tick.is_empty() { Ok(()) } else { self.draw(kind, &entity, &label, &[median, limit, limit], &spread) }
     }
 
-    /// Adds an entity to a plot.
-    fn show(&mut self, kind: &str, entity: &EntityPath, name: &str, color: u32) {
-        let (color, name) = (Some(color), Some(name.to_owned()));
+    /// Adds lines of these widths to a plot, as many as `series` has values a row. Curves of one name and colour are one line
+    /// of the legend.
+    fn draw(
+        &mut self,
+        kind: &str,
+        entity: &EntityPath,
+        label: &Label,
+        widths: &[f32],
+        series: &Series,
+    ) -> Result<(), Problem> {
+        let n = widths.len();
+        let lines = rerun::SeriesLines::new()
+            .with_names(std::iter::repeat_n(label.name.as_str(), n))
+            .with_colors(std::iter::repeat_n(label.color, n))
+            .with_widths(widths.iter().copied());
+        self.jobs.push(Job::Chunk(fixed(entity.clone(), &lines)?));
+        self.jobs.extend(pieces(entity, &series.tick, &series.time_ns, n, &series.values));
+        let (color, name) = (Some(label.color), Some(label.name.clone()));
         let curves = Curves { entity: entity.to_string(), color, name, ..Curves::default() };
         self.compared.plots.entry(kind.to_owned()).or_default().push(curves);
-    }
-
-    fn rows(&mut self, entity: &EntityPath, tick: &[i64], time_ns: &[i64], width: usize, values: &[f64]) {
-        self.jobs.extend(pieces(entity, tick, time_ns, width, values));
+        Ok(())
     }
 
     /// The six quantities, their errors, and what these come to.
@@ -215,14 +212,11 @@ impl<'a> Drawing<'a> {
             if references.len() > MOST_REFERENCES {
                 continue;
             }
+            let label = Label { name: "reference".to_owned(), color: style::REFERENCE };
             for (i, reference) in references.iter().enumerate() {
                 let kind = format!("curve/{}", quantity.signal.name());
                 let entity = EntityPath::from(format!("compare/reference/{}/{}", quantity.signal.name(), i + 1));
-                let name = "reference";
-                let lines = rerun::SeriesLines::new().with_names([name]).with_colors([style::REFERENCE]);
-                self.jobs.push(Job::Chunk(fixed(entity.clone(), &lines.with_widths([1.5]))?));
-                self.rows(&entity, &reference.tick, &reference.time_ns, 1, &reference.values);
-                self.show(&kind, &entity, name, style::REFERENCE);
+                self.draw(&kind, &entity, &label, &[1.5], reference)?;
             }
         }
         Ok(())
@@ -257,19 +251,12 @@ impl<'a> Drawing<'a> {
     /// The baseline differs from itself by nothing.
     fn zero(&mut self, kind: &str) -> Result<(), Problem> {
         let baseline = self.merge.baseline;
-        let Some(Label { name, color }) = self.labels.get(baseline).cloned() else { return Ok(()) };
+        let Some(label) = self.labels.get(baseline).cloned() else { return Ok(()) };
         let rows = |run: usize| self.runs[run].signals.values().max_by_key(|columns| columns.tick.len());
         let Some(columns) = self.members[baseline].first().and_then(|&run| rows(run)) else { return Ok(()) };
-        let ends = |all: &[i64]| [all.first(), all.last()].map(|end| end.copied().unwrap_or(0));
-        let (tick, time_ns) = (ends(&columns.tick), ends(&columns.time_ns));
-        let entity = EntityPath::from("compare")
-            .join(&EntityPath::from(kind))
-            .join(&EntityPath::from_single_string(name.as_str()));
-        let lines = rerun::SeriesLines::new().with_names([name.as_str()]).with_colors([color]).with_widths([WIDTHS[1]]);
-        self.jobs.push(Job::Chunk(fixed(entity.clone(), &lines)?));
-        self.rows(&entity, &tick, &time_ns, 1, &[0.0, 0.0]);
-        self.show(kind, &entity, &name, color);
-        Ok(())
+        let ends = |all: &[i64]| [all.first(), all.last()].map(|end| end.copied().unwrap_or(0)).to_vec();
+        let zero = Series { tick: ends(&columns.tick), time_ns: ends(&columns.time_ns), values: vec![0.0, 0.0] };
+        self.draw(kind, &curve_entity(kind, &label), &label, &[WIDTHS[1]], &zero)
     }
 
     /// Sliding variables and gains of the laws that have them.
@@ -289,7 +276,7 @@ impl<'a> Drawing<'a> {
         self.jobs.push(Job::Chunk(fixed(scene.clone(), &rerun::ViewCoordinates::RIGHT_HAND_Z_DOWN())?));
         let named = self.runs.len() <= MOST_NAMES;
         for run in self.runs {
-            let net = run.net(&scene.join(&EntityPath::from("net")))?;
+            let net = run.moved(NET, &scene.join(&EntityPath::from("net")))?;
             if !net.is_empty() {
                 self.jobs.extend(net.into_iter().map(Job::Chunk));
                 self.compared.scene = true;
@@ -322,10 +309,9 @@ impl<'a> Drawing<'a> {
             }
             let times = times(&pick(&pose.tick, &kept), &pick(&pose.time_ns, &kept));
             let moves = rerun::Points3D::update_fields().with_positions(places);
-            let moves = moves.columns_of_unit_batches().map_err(text)?;
             self.jobs.push(Job::Chunk(fixed(of("path"), &way)?));
             self.jobs.push(Job::Chunk(fixed(of("vehicle"), &marker)?));
-            self.jobs.push(Job::Chunk(columns(of("vehicle"), times, moves)?));
+            self.jobs.push(Job::Chunk(columns(of("vehicle"), times, moves.columns_of_unit_batches())?));
             self.compared.scene = true;
         }
         Ok(())
@@ -380,11 +366,21 @@ impl<'a> Drawing<'a> {
                 jobs.extend(pieces(&entity, &columns.tick, &columns.time_ns, columns.width, &columns.values));
             }
             if !self.several {
-                jobs.extend(loaded.mode(&of_run(&run.name, reference::MODE.path))?.into_iter().map(Job::Chunk));
+                jobs.extend(
+                    loaded
+                        .moved(reference::MODE.path, &of_run(&run.name, reference::MODE.path))?
+                        .into_iter()
+                        .map(Job::Chunk),
+                );
             }
         }
         Ok(jobs)
     }
+}
+
+fn curve_entity(kind: &str, label: &Label) -> EntityPath {
+    let plot = EntityPath::from("compare").join(&EntityPath::from(kind));
+    plot.join(&EntityPath::from_single_string(label.name.as_str()))
 }
 
 /// How a signal looked in its recording.

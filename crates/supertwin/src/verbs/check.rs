@@ -33,7 +33,7 @@ pub(crate) fn check(arguments: &CheckArguments, library: &Library) -> Result<Exi
     let files = if arguments.files.is_empty() { all(library) } else { arguments.files.clone() };
     if files.is_empty() {
         let cause = "no configuration files there; name them, or the folder with --config";
-        return Err(OperationError::at(library.root(), &cause));
+        return Err(OperationError::at(&library.root, &cause));
     }
     let mut understood = serde_json::Map::new();
     let mut wrong = 0;

@@ -112,11 +112,11 @@ pub(crate) fn dashboard(arguments: &DashboardArguments) -> Result<ExitCode, Oper
 /// The dashboards with these names; without names, all.
 fn chosen(names: &[String]) -> Result<Vec<&'static Description>, OperationError> {
     if names.is_empty() {
-        return Ok(DASHBOARDS.to_vec());
+        return Ok(DASHBOARDS.iter().collect());
     }
     let named = |name: &String| {
         let all = DASHBOARDS.iter().map(|described| described.name).collect::<Vec<_>>().join(", ");
-        let found = DASHBOARDS.iter().copied().find(|described| described.name == name);
+        let found = DASHBOARDS.iter().find(|described| described.name == name);
         found.ok_or_else(|| OperationError::Option(format!("{name}: is no dashboard; there are {all}")))
     };
     names.iter().map(named).collect()

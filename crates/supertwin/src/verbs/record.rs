@@ -40,14 +40,14 @@ pub(crate) fn live(arguments: &LiveArguments, json: bool) -> Result<Option<Live>
     let Some(port) = arguments.live.or(arguments.live_web.map(|_| LIVE_PORT)) else { return Ok(None) };
     let live =
         Live::serve(port, arguments.live_web).map_err(|error| OperationError::Option(format!("--live: {error}")))?;
-    let (url, port) = (live.url(), live.port());
+    let (url, port) = (live.url(), live.port);
     let tunnel = format!("ssh -N -L {port}:127.0.0.1:{port} USER@THIS-MACHINE");
     if json {
-        terminal::print(&json!({ "live": url, "page": live.page(), "tunnel": tunnel }).to_string());
+        terminal::print(&json!({ "live": url, "page": live.page, "tunnel": tunnel }).to_string());
         return Ok(Some(live));
     }
     terminal::print(&format!("Live view: rerun {url}     (pip install rerun-sdk==0.36.3)"));
-    if let Some(page) = live.page() {
+    if let Some(page) = &live.page {
         terminal::print(&format!("In a browser: {page}"));
     }
     terminal::print(&format!("From another machine first: {tunnel}"));

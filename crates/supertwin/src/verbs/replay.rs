@@ -96,7 +96,7 @@ impl FromArgument {
 /// Verifies, or replays into another recording.
 pub(crate) fn replay(arguments: &ReplayArguments, library: &Library) -> Result<ExitCode, OperationError> {
     let from = arguments.from.map(FromArgument::block);
-    if let Some(over) = library.overrides().first().filter(|_| arguments.verify) {
+    if let Some(over) = library.overrides.first().filter(|_| arguments.verify) {
         let text = format!("--set {} cannot be used with --verify: nothing is changed there", over.text);
         return Err(OperationError::Option(text));
     }

@@ -68,8 +68,8 @@ pub(crate) fn verify(arguments: &VerifyArguments, library: &Library) -> Result<E
 
 /// The words of this program that start a process.
 fn words(process: &Process<'_>, library: &Library) -> Vec<String> {
-    let mut words = vec!["--config".to_owned(), library.root().display().to_string()];
-    for set in library.overrides() {
+    let mut words = vec!["--config".to_owned(), library.root.display().to_string()];
+    for set in &library.overrides {
         words.extend(["--set".to_owned(), set.text.clone()]);
     }
     let Process::Service(process) = process else {
