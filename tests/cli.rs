@@ -1,7 +1,8 @@
 //! The command line as a user meets it: real processes, real files, real signals.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
-use crate::support::{CONFIG, Place};
+use crate::support::{CONFIG, Place, assert_says, until_written};
+use serde_json::json;
 use std::path::Path;
 use supertwin_rerun::read;
 
@@ -13,9 +14,7 @@ fn is_empty(folder: &Path) -> bool {
 fn the_three_trials_of_the_paper_leave_three_recordings_and_the_table() {
     let place = Place::new();
     let table = place.call(&["run"]).well().out;
-    for words in ["paper IV", "Distance to net [m]", "0.402", "0.681", "0.820", "3 runs, 400 s simulated"] {
-        assert!(table.contains(words), "{words} is missing in\n{table}");
-    }
+    assert_says(&table, &["paper IV", "Distance to net [m]", "0.402", "0.681", "0.820", "3 runs, 400 s simulated"]);
     for name in ["paper-gsta", "paper-agsta", "paper-pid"] {
         let recording = read(&place.path().join(format!("runs/0001/{name}-seed1.rrd"))).unwrap();
         assert!(recording.complete, "{name}");
@@ -33,17 +32,17 @@ fn json_has_the_promised_shape_and_the_hash_does_not_depend_on_recording() {
     let recorded = place.call(&[&arguments[..], &["--out", "here"]].concat()).well().json();
     let silent = place.call(&[&arguments[..], &["--no-record"]].concat()).well().json();
     let run = &recorded["runs"][0];
-    assert_eq!((run["trial"].as_str(), run["controller"].as_str()), (Some("paper-agsta"), Some("agsta")));
-    assert_eq!((run["seed"].as_u64(), run["ticks"].as_u64()), (Some(3), Some(6000)));
+    let identity = ["trial", "controller", "seed", "ticks"].map(|name| &run[name]);
+    assert_eq!(identity, [&json!("paper-agsta"), &json!("agsta"), &json!(3), &json!(6000)]);
     assert!(run["wall_s"].as_f64().unwrap() > 0.0 && run["real_time_factor"].as_f64().unwrap() > 1.0);
     for kind in ["measured", "true"] {
         for quantity in ["distance_m", "speed_m_per_s", "surge_m_per_s", "sway_m_per_s", "depth_m", "heading_rad"] {
             assert!(run["scores"][kind][quantity].as_f64().unwrap() > 0.0, "{kind} {quantity}");
         }
     }
-    assert_eq!(run["hash"], silent["runs"][0]["hash"]);
-    assert_eq!(run["scores"], silent["runs"][0]["scores"]);
-    assert!(silent["runs"][0]["recording"].is_null());
+    let silent = &silent["runs"][0];
+    assert_eq!((&run["hash"], &run["scores"]), (&silent["hash"], &silent["scores"]));
+    assert!(silent["recording"].is_null());
     let recording = read(&place.path().join(run["recording"].as_str().unwrap())).unwrap();
     assert_eq!(recording.signals["tracking/sway"].tick.len(), 6000, "a row per tick");
 }
@@ -53,8 +52,8 @@ fn seeds_are_counted_up_and_summarised() {
     let place = Place::new();
     let arguments = ["run", "paper-pid", "--seeds", "3", "--no-record"];
     let done = place.call(&[&arguments[..], &["--json"]].concat()).well().json();
-    let seeds: Vec<u64> = done["runs"].as_array().unwrap().iter().map(|run| run["seed"].as_u64().unwrap()).collect();
-    assert_eq!(seeds, [1, 2, 3]);
+    let seeds = done["runs"].as_array().unwrap().iter().map(|run| run["seed"].as_u64().unwrap());
+    assert!(seeds.eq([1, 2, 3]), "{done}");
     let table = place.call(&arguments).out;
     assert!(table.contains("over 3 seeds") && table.contains('±'), "{table}");
     assert!(is_empty(place.path()), "nothing is written");
@@ -63,22 +62,18 @@ fn seeds_are_counted_up_and_summarised() {
 #[test]
 fn bad_input_is_named_exits_with_two_and_writes_nothing() {
     let place = Place::new();
-    let cases: [(&[&str], &str); 9] = [
-        (&["run", "paper-gstaa"], "did you mean `paper-gsta`?"),
-        (&["run", "nowhere/trial.toml"], "nowhere/trial.toml: no such trial"),
-        (&["run", "--set", "vehicle.true.rigid_body.mass_kg=-5"], "-5: must be positive"),
-        (&["run", "--set", "vehicle.true.rigid_body.mass_kg=nan"], "must be positive and finite"),
-        (&["run", "--set", "environment.current.sped=1"], "unknown field `sped`"),
-        (&["run", "--set", "vehicle.thruster=[]"], "0 thrusters given"),
-        (&["run", "--set", "nonsense"], "section.path=value"),
-        (&["run", "paper-pid", "paper-pid"], "asked for twice"),
-        (&["run", "--seed", "1", "--seeds", "2"], "cannot be used with"),
-    ];
-    for (arguments, expected) in cases {
-        let done = place.call(arguments);
-        let said = &done.err;
-        assert_eq!(done.code, Some(2), "{arguments:?}: {said}");
-        assert!(said.contains(expected), "{arguments:?}: {said}");
+    for (arguments, expected) in [
+        ("paper-gstaa", "did you mean `paper-gsta`?"),
+        ("nowhere/trial.toml", "nowhere/trial.toml: no such trial"),
+        ("--set vehicle.true.rigid_body.mass_kg=-5", "-5: must be positive"),
+        ("--set vehicle.true.rigid_body.mass_kg=nan", "must be positive and finite"),
+        ("--set environment.current.sped=1", "unknown field `sped`"),
+        ("--set vehicle.thruster=[]", "0 thrusters given"),
+        ("--set nonsense", "section.path=value"),
+        ("paper-pid paper-pid", "asked for twice"),
+        ("--seed 1 --seeds 2", "cannot be used with"),
+    ] {
+        let done = place.call(&[&["run"][..], &arguments.split(' ').collect::<Vec<_>>()].concat()).refused(expected);
         assert!(done.out.is_empty() && is_empty(place.path()), "{arguments:?} wrote something");
     }
 }
@@ -90,9 +85,7 @@ fn recordings_are_never_replaced_without_force() {
     place.call(&arguments).well();
     let path = place.path().join("here/paper-pid-seed1.rrd");
     let before = std::fs::read(&path).unwrap();
-    let refused = place.call(&arguments);
-    assert_eq!(refused.code, Some(2));
-    assert!(refused.err.contains("exists already; use --force"), "{}", refused.err);
+    place.call(&arguments).refused("exists already; use --force");
     assert_eq!(std::fs::read(&path).unwrap(), before);
     place.call(&[&arguments[..], &["--force"]].concat()).well();
 }
@@ -102,10 +95,8 @@ fn an_output_folder_that_can_not_be_used_is_a_clear_error() {
     let place = Place::new();
     std::fs::write(place.path().join("file"), "").unwrap();
     for out in ["file/below", "/proc/here"] {
-        let done = place.call(&["run", "paper-pid", "--out", out]);
-        let said = &done.err;
-        assert_eq!(done.code, Some(2), "{said}");
-        assert!(said.contains(out) && said.contains("can't create the folder for recordings"), "{said}");
+        let done = place.call(&["run", "paper-pid", "--out", out]).refused("can't create the folder for recordings");
+        assert!(done.err.contains(out), "{done:?}");
     }
 }
 
@@ -114,9 +105,7 @@ fn a_full_disk_is_a_clear_error() {
     // A limit on the size of files stands in for the disk; with the signal ignored, the write itself fails.
     let place = Place::new();
     let done = place.shell("trap '' XFSZ; ulimit -f 400; supertwin run paper-pid --out here");
-    let said = &done.err;
-    assert_eq!(done.code, Some(2), "{said}");
-    assert!(said.contains("here/paper-pid-seed1.rrd") && said.contains("File too large"), "{said}");
+    assert!(done.refused("here/paper-pid-seed1.rrd").err.contains("File too large"));
     let rest = read(&place.path().join("here/paper-pid-seed1.rrd")).unwrap();
     assert!(!rest.complete, "what was written before stays readable");
 }
@@ -126,13 +115,15 @@ fn a_full_disk_is_a_clear_error() {
 fn ctrl_c_closes_the_recording() {
     let place = Place::new();
     let arguments = ["run", "paper-agsta", "--out", "here", "--set", "trial.duration_s=1000000"];
+    let folder = place.path().join("here");
+    std::fs::create_dir(&folder).unwrap();
+    let path = folder.join("paper-agsta-seed1.rrd");
     let mut process = place.start(&arguments);
-    let path = place.path().join("here/paper-agsta-seed1.rrd");
     // It is under way when more is on the disk than the dashboards, which come first.
-    while std::fs::metadata(&path).map_or(0, |file| file.len()) < 4_000_000 {
+    until_written(&folder, "run that is under way", || {
         assert!(process.is_up(), "ended by itself");
-        std::thread::yield_now();
-    }
+        std::fs::metadata(&path).ok().filter(|file| file.len() > 4_000_000)
+    });
     process.signal("INT");
     let done = process.finish();
     assert_eq!(done.code, Some(130), "{}", done.err);
@@ -149,9 +140,7 @@ fn check_prints_what_was_understood_with_units() {
     let place = Place::new();
     let vehicle = format!("{CONFIG}/vehicles/argus-mini.toml");
     let said = place.call(&["check", &vehicle]).out;
-    for words in ["true.rigid_body.mass_kg", "90.0 kg", "120.0 N s/m", "propulsion.delay_s", "0.1 s"] {
-        assert!(said.contains(words), "{words} is missing in\n{said}");
-    }
+    assert_says(&said, &["true.rigid_body.mass_kg", "90.0 kg", "120.0 N s/m", "propulsion.delay_s", "0.1 s"]);
     assert!(place.call(&["check"]).well().out.lines().count() > 30);
     let trial = format!("{CONFIG}/trials/paper-pid.toml");
     let tree = place.call(&["check", &trial, "--json"]).well().json();
@@ -161,9 +150,7 @@ fn check_prints_what_was_understood_with_units() {
     let broken = std::fs::read_to_string(&vehicle).unwrap().replacen("mass_kg = 90.0", "mass_kg = -90.0", 1);
     std::fs::write(place.path().join("vehicles/broken.toml"), broken).unwrap();
     let refused = place.call(&["check", "vehicles/broken.toml"]);
-    assert_eq!(refused.code, Some(2));
-    let said = refused.err;
-    assert!(said.contains("vehicles/broken.toml:14:11: true.rigid_body.mass_kg: -90: must be positive"), "{said}");
+    refused.refused("vehicles/broken.toml:14:11: true.rigid_body.mass_kg: -90: must be positive");
 }
 
 #[test]

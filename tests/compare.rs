@@ -3,15 +3,14 @@
 
 mod statistics;
 
-use crate::support::{CONFIG, Place, following};
+use crate::support::{CONFIG, Place, assert_says, following, tampered};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 use supertwin_core::run::Properties;
-use supertwin_core::{Event, Probe, RunHeader, RunSink, Signal, SinkError, Tick};
+use supertwin_core::{RunHeader, RunSink};
 use supertwin_lab::statistics::{mean, standard_deviation};
-use supertwin_lab::{Library, trial};
 use supertwin_rerun::table::{Column, Table};
 use supertwin_rerun::{Options, RerunSink};
 
@@ -56,20 +55,12 @@ fn three_trials_of_several_seeds_make_the_papers_table_with_verdicts() {
     for name in ["paper-gsta", "paper-agsta", "paper-pid"] {
         assert_eq!(group(&comparison, name)["seeds"], json!([1, 2, 3, 4, 5]));
         // The numbers are those of the runs, to the last bit.
-        let scores: Vec<f64> = ran["runs"]
-            .as_array()
-            .unwrap()
-            .iter()
-            .filter(|run| run["trial"] == name)
-            .map(|run| run["scores"]["measured"]["sway_m_per_s"].as_f64().unwrap())
-            .collect();
-        let values: Vec<f64> = comparison["runs"]
-            .as_array()
-            .unwrap()
-            .iter()
-            .filter(|run| run["group"] == name)
-            .map(|run| run["values"]["measured.sway_m_per_s"].as_f64().unwrap())
-            .collect();
+        let of = |all: &Value, kind: &str, number: &str| -> Vec<f64> {
+            let runs = all["runs"].as_array().unwrap().iter().filter(|run| run[kind] == name);
+            runs.map(|run| run.pointer(number).unwrap().as_f64().unwrap()).collect()
+        };
+        let scores = of(&ran, "trial", "/scores/measured/sway_m_per_s");
+        let values = of(&comparison, "group", "/values/measured.sway_m_per_s");
         assert_eq!((scores.len(), &scores), (5, &values), "{name}");
         let summary = &row(&comparison, name, "measured.sway_m_per_s")["summary"];
         assert_eq!(summary["mean"].as_f64(), Some(mean(&scores)));
@@ -79,16 +70,12 @@ fn three_trials_of_several_seeds_make_the_papers_table_with_verdicts() {
     assert_eq!(sway["paper"], 0.046);
     let difference = &sway["difference"];
     assert_eq!(difference["seeds"], 5);
-    let [low, middle, high] = [&difference["interval"]["low"], &difference["mean"], &difference["interval"]["high"]]
-        .map(|value| value.as_f64().unwrap());
+    let of_it = |place: &str| difference.pointer(place).unwrap().as_f64().unwrap();
+    let [low, middle, high] = ["/interval/low", "/mean", "/interval/high"].map(of_it);
     assert!(low <= middle && middle <= high && sway["verdict"].as_str().unwrap().contains(" m/s ["), "{sway}");
     assert_eq!(row(&comparison, "paper-gsta", "measured.sway_m_per_s")["difference"], Value::Null);
-    let changes: Vec<&str> = group(&comparison, "paper-agsta")["changes"]
-        .as_array()
-        .unwrap()
-        .iter()
-        .map(|change| change["path"].as_str().unwrap())
-        .collect();
+    let changes = group(&comparison, "paper-agsta")["changes"].as_array().unwrap();
+    let changes: Vec<&str> = changes.iter().map(|change| change["path"].as_str().unwrap()).collect();
     assert!(changes.contains(&"controller.law.gsta") && changes.contains(&"controller.law.agsta"), "{changes:?}");
     assert!(changes.iter().all(|path| !path.contains("seed") && !path.contains("description")), "{changes:?}");
 
@@ -96,19 +83,10 @@ fn three_trials_of_several_seeds_make_the_papers_table_with_verdicts() {
 
     // The same for people.
     let text = place.call(&["compare", "runs"]).well().out;
-    for words in [
-        "15 runs, 3 groups, held against paper-agsta; 17.00 to 23.00 s from the start.",
-        "paper-pid against paper-agsta",
-        "paper IV",
-        "of 5 seeds, difference ",
-        "Configured otherwise",
-        "controller.law.agsta: ",
-        "would miss zero by chance alone",
-        "Of the metrics here: better in ",
-        "and not the same task (trial.mission",
-    ] {
-        assert!(text.contains(words), "no {words:?} in:\n{text}");
-    }
+    assert_says(&text, &["15 runs, 3 groups, held against paper-agsta; 17.00 to 23.00 s from the start."]);
+    assert_says(&text, &["paper-pid against paper-agsta", "paper IV", "of 5 seeds, difference "]);
+    assert_says(&text, &["Configured otherwise", "controller.law.agsta: ", "would miss zero by chance alone"]);
+    assert_says(&text, &["Of the metrics here: better in ", "and not the same task (trial.mission"]);
     let markdown = place.call(&["compare", "runs", "--markdown"]).well().out;
     assert!(markdown.contains("## paper-pid against paper-agsta") && !markdown.contains('│'), "{markdown}");
     assert!(markdown.lines().filter(|line| line.starts_with("| ")).count() > 60, "{markdown}");
@@ -132,13 +110,10 @@ fn three_trials_of_several_seeds_make_the_papers_table_with_verdicts() {
     for (value, run) in sway.iter().zip(comparison["runs"].as_array().unwrap().iter()) {
         assert!(value.is_some() && run["values"]["measured.sway_m_per_s"].is_f64());
     }
-    assert!(
-        groups.iter().flatten().filter(|group| *group == "paper-pid").count() == 5
-            && table.column("nis.depth").is_some()
-    );
+    assert_eq!(groups.iter().flatten().filter(|group| *group == "paper-pid").count(), 5);
+    assert!(table.column("nis.depth").is_some());
     let before = fs::read(place.path().join("table.parquet")).unwrap();
-    let again = place.call(&words);
-    assert!(again.code == Some(2) && again.err.contains("table.parquet: exists already; use --force"), "{again:?}");
+    place.call(&words).refused("table.parquet: exists already; use --force");
     place.call(&[&words[..], &["--force"]].concat()).well();
     assert_eq!(fs::read(place.path().join("table.parquet")).unwrap(), before);
 }
@@ -154,10 +129,8 @@ fn one_run_against_another_has_numbers_and_no_verdict() {
     assert_eq!(changes.as_array().unwrap().len(), 1, "{changes}");
     assert_eq!(changes[0]["path"], "controller.law.gsta.k2.surge");
     let surge = row(&comparison, name, "measured.surge_m_per_s");
-    assert_eq!(
-        (&surge["difference"]["verdict"], &surge["difference"]["interval"]),
-        (&"too_few_seeds".into(), &Value::Null)
-    );
+    let difference = &surge["difference"];
+    assert_eq!((&difference["verdict"], &difference["interval"]), (&"too_few_seeds".into(), &Value::Null));
     assert!(surge["verdict"].as_str().unwrap().ends_with("1 seed, a verdict needs 5"), "{surge}");
 
     // Runs of one configuration are one group, unless each is wanted for itself.
@@ -177,8 +150,8 @@ fn one_run_against_another_has_numbers_and_no_verdict() {
 fn runs_are_aligned_on_what_happens_in_them() {
     let place = Place::new();
     let mission = |at_s: f64, port: bool| {
-        let port =
-            if port { format!(",{{at_s={},command.guidance.direction=\"port\"}}", at_s + 9.0) } else { String::new() };
+        let port = port.then(|| format!(",{{at_s={},command.guidance.direction=\"port\"}}", at_s + 9.0));
+        let port = port.unwrap_or_default();
         format!(
             "trial.mission=[{{at_s=0.0,command.guidance.mode=\"depth_heading_hold\"}},\
              {{at_s={at_s},command.guidance.mode=\"follow_net\"}}{port}]"
@@ -197,12 +170,11 @@ fn runs_are_aligned_on_what_happens_in_them() {
     assert!(rest["runs"].as_array().unwrap().iter().all(|run| run["window"] == both), "{rest:#}");
 
     let reversed = place.call(&["compare", "a", "b", "c", "--align", "reversed", "--window", "0:5", "--json"]);
-    assert_eq!(reversed.code, Some(2));
+    let reversed = reversed.refused("c/paper-gsta-seed1.rrd: its direction is never reversed");
     assert_eq!(reversed.json()["runs"].as_array().unwrap().len(), 2);
-    assert!(reversed.err.contains("c/paper-gsta-seed1.rrd: its direction is never reversed"), "{reversed:?}");
 
-    let text =
-        place.call(&["compare", "a", "b", "--align", "event:command applied: *follow_net", "--window", ":4"]).well();
+    let event = "event:command applied: *follow_net";
+    let text = place.call(&["compare", "a", "b", "--align", event, "--window", ":4"]).well();
     assert!(text.out.contains("0.00 to 4.00 s from `event:command applied: *follow_net`"), "{text:?}");
     for (words, error) in [
         (["--align", "folowing"], "must be start, following"),
@@ -210,8 +182,8 @@ fn runs_are_aligned_on_what_happens_in_them() {
         (["--metrics", "measured.dept_m"], "did you mean `measured.depth_m`?"),
         (["--limits", "papr"], "did you mean `paper`?"),
     ] {
-        let refused = place.call(&[&["compare", "a"], &words[..]].concat());
-        assert!(refused.code == Some(2) && refused.err.contains(error) && refused.out.is_empty(), "{refused:?}");
+        let refused = place.call(&[&["compare", "a"], &words[..]].concat()).refused(error);
+        assert!(refused.out.is_empty(), "{refused:?}");
     }
 }
 
@@ -219,91 +191,41 @@ fn runs_are_aligned_on_what_happens_in_them() {
 fn limits_are_a_gate() {
     let place = Place::new();
     record(&place, "runs", &["paper-gsta", "paper-pid"], 2, &[]);
-    let limits = |name: &str, text: &str| {
+    let judged = |name: &str, text: &str| {
         fs::write(place.path().join(name), format!("description = \"a test\"\n{text}")).unwrap();
+        place.call(&["compare", "runs", "--limits", name])
     };
-    limits("wide.toml", "[[limit]]\nmetric = \"measured.depth_m\"\nmax = 10.0\n");
-    let passed = place.call(&["compare", "runs", "--limits", "wide.toml"]).well();
+    let passed = judged("wide.toml", "[[limit]]\nmetric = \"measured.depth_m\"\nmax = 10.0\n").well();
     assert!(passed.out.contains("4 passed, 0 failed, 0 invalid; 0 could not be used."), "{passed:?}");
 
-    limits(
+    let failed = judged(
         "narrow.toml",
         "[[limit]]\nmetric = \"measured.depth_m\"\ngroup = \"paper-pid\"\nmax = 1e-9\n\
-                           [[limit]]\nmetric = \"effort.surge\"\nmin = 0.0\n",
+         [[limit]]\nmetric = \"effort.surge\"\nmin = 0.0\n",
     );
-    let failed = place.call(&["compare", "runs", "--limits", "narrow.toml"]);
     assert_eq!(failed.code, Some(1), "{failed:?}");
-    assert!(
-        failed.out.contains("2 passed, 2 failed") && failed.out.contains("must be at most 0.000000001"),
-        "{failed:?}"
-    );
-    let judged = place.call(&["compare", "runs", "--limits", "narrow.toml", "--json"]).json();
-    let outcomes: Vec<(&str, &str)> = judged["runs"]
-        .as_array()
-        .unwrap()
-        .iter()
-        .map(|run| (run["name"].as_str().unwrap(), run["outcome"].as_str().unwrap()))
-        .collect();
-    assert_eq!(
-        outcomes,
-        [
-            ("paper-gsta-seed1", "pass"),
-            ("paper-gsta-seed2", "pass"),
-            ("paper-pid-seed1", "fail"),
-            ("paper-pid-seed2", "fail"),
-        ]
-    );
+    assert_says(&failed.out, &["2 passed, 2 failed", "must be at most 0.000000001"]);
+    let narrow = place.call(&["compare", "runs", "--limits", "narrow.toml", "--json"]).json();
+    let text = |value: &Value| value.as_str().unwrap().to_owned();
+    let runs = narrow["runs"].as_array().unwrap().iter();
+    let outcomes: Vec<String> = runs.map(|run| format!("{} {}", text(&run["name"]), text(&run["outcome"]))).collect();
+    let [pass, fail] = [("gsta", "pass"), ("pid", "fail")]
+        .map(|(law, outcome)| [1, 2].map(|seed| format!("paper-{law}-seed{seed} {outcome}")));
+    assert_eq!(outcomes, [pass, fail].concat());
 
     // What can not be judged has not passed: PID has no gains, and nobody recorded a link.
-    limits("absent.toml", "[[limit]]\nmetric = \"k1_end.sway\"\nmax = 1e9\n");
-    let invalid = place.call(&["compare", "runs", "--limits", "absent.toml"]);
+    let invalid = judged("absent.toml", "[[limit]]\nmetric = \"k1_end.sway\"\nmax = 1e9\n");
     assert_eq!(invalid.code, Some(2), "{invalid:?}");
-    assert!(
-        invalid.out.contains("2 passed, 0 failed, 2 invalid") && invalid.out.contains("k1_end.sway is not there"),
-        "{invalid:?}"
-    );
-    limits("nobody.toml", "[[limit]]\nmetric = \"measured.depth_m\"\nmax = 9.0\ngroup = \"papr-pid\"\n");
-    let nobody = place.call(&["compare", "runs", "--limits", "nobody.toml"]);
-    assert!(nobody.code == Some(2) && nobody.err.contains("group \"papr-pid\" is not among these runs"), "{nobody:?}");
+    assert_says(&invalid.out, &["2 passed, 0 failed, 2 invalid", "k1_end.sway is not there"]);
+    let group = "[[limit]]\nmetric = \"measured.depth_m\"\nmax = 9.0\ngroup = \"papr-pid\"\n";
+    let nobody = judged("nobody.toml", group).refused("group \"papr-pid\" is not among these runs");
     assert!(nobody.out.contains("no limit concerns it"), "{nobody:?}");
 
-    limits("typo.toml", "[[limit]]\nmetric = \"measured.depth_m\"\nmaxx = 9.0\n");
-    let typo = place.call(&["compare", "runs", "--limits", "typo.toml"]);
-    assert!(typo.code == Some(2) && typo.err.contains("typo.toml:4:1: limit[0]"), "{typo:?}");
-    assert!(typo.err.contains("did you mean `max`?"), "{typo:?}");
+    let typo = judged("typo.toml", "[[limit]]\nmetric = \"measured.depth_m\"\nmaxx = 9.0\n");
+    typo.refused("typo.toml:4:1: limit[0]").refused("did you mean `max`?");
     // `check` knows the folder.
     let checked = place.call(&["check", &format!("{CONFIG}/limits/paper.toml")]).well();
     assert!(checked.out.contains("limit.0.metric"), "{checked:?}");
-}
-
-/// Writes a recording in which one number is none.
-struct Spoiled(RerunSink, u64);
-
-impl Probe for Spoiled {
-    fn vector(&mut self, signal: &'static Signal, values: &[f64]) {
-        let spoil = self.1 == 1000 && signal.path == "estimator/nav/velocity";
-        let values: Vec<f64> = values.iter().map(|value| if spoil { f64::NAN } else { *value }).collect();
-        self.0.vector(signal, &values);
-    }
-    fn label(&mut self, signal: &'static Signal, value: &'static str) {
-        self.0.label(signal, value);
-    }
-}
-
-impl RunSink for Spoiled {
-    fn begin(&mut self, header: &RunHeader) -> Result<(), SinkError> {
-        self.0.begin(header)
-    }
-    fn tick(&mut self, tick: Tick) -> Result<(), SinkError> {
-        self.1 = tick.k;
-        self.0.tick(tick)
-    }
-    fn event(&mut self, event: &Event) -> Result<(), SinkError> {
-        self.0.event(event)
-    }
-    fn finish(&mut self, results: &Properties) -> Result<(), SinkError> {
-        self.0.finish(results)
-    }
 }
 
 #[test]
@@ -314,9 +236,8 @@ fn what_can_not_be_compared_is_named_and_the_others_are_compared() {
     // Another vehicle, a shorter run, one that never came far.
     let words = ["run", "bluerov2", "--out", "runs", "--set", "trial.duration_s=30", "--set", "trial.score.from_s=20"];
     place.call(&words).well();
-    place
-        .call(&["run", "paper-pid", "--out", "runs", "--set", "trial.duration_s=18", "--set", "trial.score.from_s=5"])
-        .well();
+    let words = ["run", "paper-pid", "--out", "runs", "--set", "trial.duration_s=18", "--set", "trial.score.from_s=5"];
+    place.call(&words).well();
     // Cut in the middle, and near the end; empty; another format altogether; another program's; of the future; of the past.
     let whole = fs::read(at("paper-gsta-seed1.rrd")).unwrap();
     fs::write(at("half.rrd"), &whole[..whole.len() / 2]).unwrap();
@@ -337,11 +258,11 @@ fn what_can_not_be_compared_is_named_and_the_others_are_compared() {
         sink.begin(&RunHeader { name: name.to_owned(), properties, ..RunHeader::default() }).unwrap();
         sink.finish(&Properties::new()).unwrap();
     }
-    let library =
-        Library::new(CONFIG, vec!["trial.duration_s=23".parse().unwrap(), "trial.score.from_s=17".parse().unwrap()]);
-    let trial = trial::load(&library, "paper-gsta").unwrap().remove(0);
-    let mut sink = Spoiled(RerunSink::create(&at("nan.rrd"), Options::default()).unwrap(), 0);
-    supertwin_lab::run(&trial, 9, &mut sink, Some(&Properties::new()), |_| true).unwrap();
+    let spoiled = tampered(&at("nan.rrd"), ["trial.duration_s=23", "trial.score.from_s=17"], 9, |run| {
+        run.at = (1000, "estimator/nav/velocity");
+        run.number = |_| f64::NAN;
+    });
+    assert!(spoiled);
 
     let done = place.call(&["compare", "runs", "--json", "--window", "17:23"]);
     assert_eq!(done.code, Some(2), "{}", done.err);
@@ -363,26 +284,21 @@ fn what_can_not_be_compared_is_named_and_the_others_are_compared() {
         assert!(done.err.contains(&format!("error: runs/{name}: ")), "{}", done.err);
     }
     assert_eq!(reasons.len(), 9, "{reasons:#?}");
-    let names: Vec<&str> =
-        comparison["runs"].as_array().unwrap().iter().map(|run| run["name"].as_str().unwrap()).collect();
-    assert_eq!(names, ["paper-gsta-seed1", "paper-gsta-seed2"]);
+    let names = comparison["runs"].as_array().unwrap().iter().map(|run| run["name"].as_str().unwrap());
+    assert!(names.eq(["paper-gsta-seed1", "paper-gsta-seed2"]), "{comparison:#}");
 
     // With a window that it has, what is left of a damaged file is compared as well, with a warning.
-    let most =
-        place.call(&["compare", "cut/most.rrd", "runs/paper-gsta-seed2.rrd", "--window", "0:5", "--json"]).well();
+    let most = ["compare", "cut/most.rrd", "runs/paper-gsta-seed2.rrd", "--window", "0:5", "--json"];
+    let most = place.call(&most).well();
     assert!(most.err.contains("warning: cut/most.rrd: not closed: "), "{most:?}");
     assert_eq!(most.json()["runs"].as_array().unwrap().len(), 2);
 
-    let nothing = place.call(&["compare", "runs/empty.rrd", "runs/text.rrd"]);
-    assert!(nothing.code == Some(2) && nothing.out.is_empty(), "{nothing:?}");
-    assert!(
-        nothing.err.contains("none of these runs can be compared") && nothing.err.contains("text.rrd: not a recording")
-    );
+    let nothing = place.call(&["compare", "runs/empty.rrd", "runs/text.rrd"]).refused("text.rrd: not a recording");
+    assert!(nothing.refused("none of these runs can be compared").out.is_empty());
     // By their own windows, runs that are scored elsewhere are told from the others.
     let own = place.call(&["compare", "runs/paper-gsta-seed1.rrd", "runs/paper-pid-seed1.rrd"]).well();
     assert!(own.out.contains("(paper-gsta: 17.00 to 23.00 s, paper-pid: 5.00 to 18.00 s; --window makes"), "{own:?}");
-    let bad_baseline = place.call(&["compare", "runs", "--baseline", "runs/nan.rrd"]);
-    assert!(bad_baseline.code == Some(2) && bad_baseline.err.contains("not finite at tick 1000"), "{bad_baseline:?}");
+    place.call(&["compare", "runs", "--baseline", "runs/nan.rrd"]).refused("not finite at tick 1000");
 }
 
 #[test]
@@ -393,8 +309,7 @@ fn every_metric_is_explained() {
         assert!(help.contains(metric.family.about) && help.contains(metric.family.name), "{}", metric.name);
     }
     assert!(help.contains("measured.distance_m [m], speed_m_per_s [m/s]") && help.contains("√(Σeᵢ²/n)"), "{help}");
-    let nothing = place.call(&["compare"]);
-    assert!(nothing.code == Some(2) && nothing.err.contains("name the recordings to compare"), "{nothing:?}");
+    place.call(&["compare"]).refused("name the recordings to compare");
 }
 
 #[test]
@@ -406,14 +321,9 @@ fn a_deployment_is_compared_by_its_latency_and_loss() {
         let words = ["up", "--json", "--vehicle", "rov", "--trial", &trial, "--listen", &place.socket];
         place.call(&[&words[..], &["--duration", "6", "--record", out, "--seed", seed]].concat()).well();
     }
-    let words = [
-        "one",
-        "two",
-        "--each",
-        "--metrics",
-        "measured,loop_us,step_us,*_max,messages_lost,recorder_lag_ms,unrecorded_share",
-    ];
-    let done = place.call(&[&["compare", "--json", "--window", "1.5:"], &words[..]].concat());
+    let metrics = "measured,loop_us,step_us,*_max,messages_lost,recorder_lag_ms,unrecorded_share";
+    let words = ["compare", "--json", "--window", "1.5:", "one", "two", "--each", "--metrics", metrics];
+    let done = place.call(&words);
     let comparison = done.json();
     let runs = comparison["runs"].as_array().unwrap();
     assert_eq!(runs.len(), 2, "{}", done.err);
@@ -431,9 +341,6 @@ fn a_deployment_is_compared_by_its_latency_and_loss() {
 #[test]
 fn the_help_says_what_the_exit_statuses_mean() {
     let out = Place::new().call(&["compare", "--help"]).well().out;
-    for words in
-        ["Exit status: 0 every run was compared (and passed), 1 a limit failed, 2", "--baseline", "--align", "--limits"]
-    {
-        assert!(out.contains(words), "no {words:?} in:\n{out}");
-    }
+    let status = "Exit status: 0 every run was compared (and passed), 1 a limit failed, 2";
+    assert_says(&out, &[status, "--baseline", "--align", "--limits"]);
 }

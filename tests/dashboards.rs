@@ -4,7 +4,7 @@
 mod command;
 mod comparison;
 
-use crate::support::python;
+use crate::support::{CONFIG, python};
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -24,54 +24,39 @@ use supertwin_rerun::blueprint::{self, About, DASHBOARDS, Dashboard, View};
 use supertwin_rerun::{Options, Recording, RerunSink, read, signals, style};
 
 /// Signals that no dashboard shows, and why.
-static NOT_SHOWN: [(&Signal, &str); 26] = [
-    (&nav::POSE, "is `measured` in tracking/*"),
-    (&nav::VELOCITY, "is `measured` in tracking/*"),
-    (&nav::NET, "is `measured` in tracking/*"),
-    (&reference::VELOCITY, "is `reference` in tracking/*"),
-    (&reference::DEPTH, "is `reference` in tracking/*"),
-    (&reference::HEADING, "is `reference` in tracking/*"),
-    (&reference::SETPOINT, "is `reference` in tracking/*"),
-    (&truth::POSE, "is `true` in tracking/*, and moves the vehicle in the picture"),
-    (&truth::VELOCITY, "is `true` in tracking/*"),
-    (&truth::NET, "is `true` in tracking/*"),
-    (&truth::CURRENT, "is an arrow in the picture"),
-    (&truth::WATER_VELOCITY, "is the current, an arrow in the picture, and the waves"),
-    (&guidance::LINE_OF_SIGHT, "is the reference before its filter"),
-    (&guidance::TARGET, "is the reference before its filter"),
-    (&estimator::INNOVATION_DVL, "is in derived/innovation and derived/nis"),
-    (&estimator::INNOVATION_DEPTH, "is in derived/innovation and derived/nis"),
-    (&estimator::INNOVATION_HEADING, "is in derived/innovation and derived/nis"),
-    (&estimator::INNOVATION_YAW_RATE, "is in derived/innovation and derived/nis"),
-    (&nav::VARIANCE, "is the square of derived/std"),
-    (&nav::HEALTH, "is in derived/health"),
-    (&estimator::COUNTERS, "is in derived/refused"),
-    (&estimator::NET_PLANE_ACCEPTED, "colours the beams in the picture, and is in derived/beams_used"),
-    (&thrust::LIMITED, "is in derived/limited"),
-    (&thrust::EMERGENCY_NEUTRAL, "is in derived/neutral"),
-    (&controller::PHI1, "is a function of sigma"),
-    (&controller::PHI2, "is a function of sigma"),
+static NOT_SHOWN: [(&str, &[&Signal]); 25] = [
+    ("is `measured` in tracking/*", &[&nav::POSE, &nav::VELOCITY, &nav::NET]),
+    ("is `reference` in tracking/*", &[&reference::VELOCITY, &reference::DEPTH]),
+    ("is `reference` in tracking/*", &[&reference::HEADING, &reference::SETPOINT]),
+    ("is `true` in tracking/*, and moves the vehicle in the picture", &[&truth::POSE]),
+    ("is `true` in tracking/*", &[&truth::VELOCITY, &truth::NET]),
+    ("is an arrow in the picture", &[&truth::CURRENT]),
+    ("is the current, an arrow in the picture, and the waves", &[&truth::WATER_VELOCITY]),
+    ("is the reference before its filter", &[&guidance::LINE_OF_SIGHT, &guidance::TARGET]),
+    ("is in derived/innovation and derived/nis", &[&estimator::INNOVATION_DVL, &estimator::INNOVATION_DEPTH]),
+    ("is in derived/innovation and derived/nis", &[&estimator::INNOVATION_HEADING, &estimator::INNOVATION_YAW_RATE]),
+    ("is the square of derived/std", &[&nav::VARIANCE]),
+    ("is in derived/health", &[&nav::HEALTH]),
+    ("is in derived/refused", &[&estimator::COUNTERS]),
+    ("is in derived/neutral and derived/pings_lost", &[&plant::HEALTH]),
+    ("colours the beams in the picture, and is in derived/beams_used", &[&estimator::NET_PLANE_ACCEPTED]),
+    ("is in derived/limited and derived/neutral", &[&thrust::LIMITED, &thrust::EMERGENCY_NEUTRAL]),
+    ("is a function of sigma", &[&controller::PHI1, &controller::PHI2]),
+    // What goes into a signal that is shown.
+    ("is the estimate plus the innovation", &[&measurements::dvl::VELOCITY, &measurements::depth::DEPTH]),
+    ("is the estimate plus the innovation", &[&measurements::compass::HEADING, &measurements::gyro::YAW_RATE]),
+    ("is the time of the reading; the latency is not estimated", &TAKEN_AT),
+    ("is what the filter's model makes of the wrench", &[&nav::ACCELERATION]),
+    ("is `measured` in tracking/distance", &[&estimator::NET_PLANE_FIT, &estimator::NET_PLANE_STATE]),
+    ("is measured minus reference in tracking/*", &[&controller::ERROR, &controller::VELOCITY_ERROR]),
+    ("only goes into sigma of the literal surface", &[&controller::ACCELERATION_ERROR]),
+    ("is sigma minus the error", &[&controller::SURFACE_ACCELERATION]),
 ];
 
-/// More of these: what goes into a signal that is shown.
-static INGREDIENTS: [(&Signal, &str); 16] = [
-    (&measurements::dvl::VELOCITY, "is the estimate plus the innovation"),
-    (&measurements::dvl::TAKEN_AT, "is the time of the ping; the latency is not estimated"),
-    (&measurements::depth::TAKEN_AT, "is the time of the reading; the latency is not estimated"),
-    (&measurements::compass::TAKEN_AT, "is the time of the reading; the latency is not estimated"),
-    (&measurements::gyro::TAKEN_AT, "is the time of the reading; the latency is not estimated"),
-    (&measurements::depth::DEPTH, "is the estimate plus the innovation"),
-    (&measurements::compass::HEADING, "is the estimate plus the innovation"),
-    (&measurements::gyro::YAW_RATE, "is the estimate plus the innovation"),
-    (&nav::ACCELERATION, "is what the filter's model makes of the wrench"),
-    (&estimator::NET_PLANE_FIT, "is `measured` in tracking/distance"),
-    (&estimator::NET_PLANE_STATE, "is `measured` in tracking/distance, as inverse ranges"),
-    (&plant::HEALTH, "is in derived/neutral and derived/pings_lost"),
-    (&controller::ERROR, "is measured minus reference in tracking/*"),
-    (&controller::VELOCITY_ERROR, "is measured minus reference in tracking/*"),
-    (&controller::ACCELERATION_ERROR, "only goes into sigma of the literal surface"),
-    (&controller::SURFACE_ACCELERATION, "is sigma minus the error"),
-];
+static TAKEN_AT: [&Signal; 4] = {
+    use measurements::{compass, depth, dvl, gyro};
+    [&dvl::TAKEN_AT, &depth::TAKEN_AT, &compass::TAKEN_AT, &gyro::TAKEN_AT]
+};
 
 /// Trials that between them have every law and both net planes.
 const TRIALS: [&str; 6] = ["paper-gsta", "paper-agsta", "paper-pid", "plane-filter", "hand-over", "external"];
@@ -86,17 +71,24 @@ fn folder() -> PathBuf {
 fn recordings() -> &'static BTreeMap<&'static str, (PathBuf, Recording)> {
     static MADE: OnceLock<BTreeMap<&str, (PathBuf, Recording)>> = OnceLock::new();
     MADE.get_or_init(|| {
-        let library = Library::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../config"), Vec::new());
-        let record = |name: &'static str| {
-            let trial = &trial::load(&library, name).unwrap()[0];
-            let path = folder().join(format!("{name}.rrd"));
-            let mut sink = RerunSink::create(&path, overwrite()).unwrap();
-            supertwin_lab::run(trial, trial.trial.seed, &mut sink, Some(&Properties::new()), |_| true).unwrap();
+        let library = Library::new(CONFIG, Vec::new());
+        let made = |name: &'static str| {
+            let path = record(&library, name, None, name);
             let recording = read(&path).unwrap();
             (name, (path, recording))
         };
-        TRIALS.map(record).into()
+        TRIALS.map(made).into()
     })
+}
+
+/// Records a trial with a seed, or its own, into a file of this name.
+fn record(library: &Library, trial: &str, seed: Option<u64>, name: &str) -> PathBuf {
+    let trial = &trial::load(library, trial).unwrap()[0];
+    let path = folder().join(format!("{name}.rrd"));
+    let mut sink = RerunSink::create(&path, overwrite()).unwrap();
+    let seed = seed.unwrap_or(trial.trial.seed);
+    supertwin_lab::run(trial, seed, &mut sink, Some(&Properties::new()), |_| true).unwrap();
+    path
 }
 
 fn overwrite() -> Options {
@@ -114,22 +106,15 @@ fn link_signals() -> &'static [&'static Signal] {
     static MADE: OnceLock<Vec<&Signal>> = OnceLock::new();
     MADE.get_or_init(|| {
         const WIRES: &[&str] = &[Nav::KEY, Thrust::KEY];
+        use link::{AGE, DEADLINE, MISSING, RATE, REFUSED, STEP_TIME, TRANSPORT};
         let one = |account: &Account, service: &str| -> &'static Signal {
-            let per_wire = [&link::AGE, &link::TRANSPORT, &link::MISSING].map(|account| account.name);
+            let per_wire = [&AGE, &TRANSPORT, &MISSING].map(|account| account.name);
             let components = if per_wire.contains(&account.name) { WIRES } else { account.components };
             let path: &str = Box::leak(account.path(service).into_boxed_str());
             let units = Box::leak(Box::new([account.unit]));
             Box::leak(Box::new(Signal { path, components, units, about: account.about }))
         };
-        let of_each = [
-            &link::STEP_TIME,
-            &link::RATE,
-            &link::DEADLINE,
-            &link::REFUSED,
-            &link::AGE,
-            &link::TRANSPORT,
-            &link::MISSING,
-        ];
+        let of_each = [&STEP_TIME, &RATE, &DEADLINE, &REFUSED, &AGE, &TRANSPORT, &MISSING];
         let all = SERVICES.iter().flat_map(|service| of_each.map(|account| one(account, service)));
         all.chain([one(&link::LOOP_TIME, SERVICES[0]), &link::GAPS, &link::LAG]).collect()
     })
@@ -147,29 +132,27 @@ impl Observe for Network {
 }
 
 /// Made once: tests that write one file at a time each would destroy it for the others.
-fn network_recording() -> (PathBuf, Recording) {
+fn network_recording() -> &'static (PathBuf, Recording) {
     static MADE: OnceLock<(PathBuf, Recording)> = OnceLock::new();
-    MADE.get_or_init(record_network).clone()
-}
-
-fn record_network() -> (PathBuf, Recording) {
-    let path = folder().join("network.rrd");
-    let mut sink = RerunSink::create(&path, overwrite()).unwrap();
-    let properties = Properties::from([
-        ("placement".to_owned(), "up".into()),
-        ("capabilities".to_owned(), "sliding_variable gains adaptive_gains".into()),
-        ("duration_s".to_owned(), 60.0.into()),
-    ]);
-    sink.begin(&RunHeader { name: "network".to_owned(), properties, scene: Scene::default() }).unwrap();
-    for k in 0..3000 {
-        sink.tick(Tick { k, dt_s: 0.02 }).unwrap();
-        if k % 50 == 0 {
-            Network.observe(&mut sink);
+    MADE.get_or_init(|| {
+        let path = folder().join("network.rrd");
+        let mut sink = RerunSink::create(&path, overwrite()).unwrap();
+        let properties = Properties::from([
+            ("placement".to_owned(), "up".into()),
+            ("capabilities".to_owned(), "sliding_variable gains adaptive_gains".into()),
+            ("duration_s".to_owned(), 60.0.into()),
+        ]);
+        sink.begin(&RunHeader { name: "network".to_owned(), properties, scene: Scene::default() }).unwrap();
+        for k in 0..3000 {
+            sink.tick(Tick { k, dt_s: 0.02 }).unwrap();
+            if k % 50 == 0 {
+                Network.observe(&mut sink);
+            }
         }
-    }
-    sink.finish(&Properties::new()).unwrap();
-    let recording = read(&path).unwrap();
-    (path, recording)
+        sink.finish(&Properties::new()).unwrap();
+        let recording = read(&path).unwrap();
+        (path, recording)
+    })
 }
 
 /// Paths below `entity`, when it ends in `/**`, or itself.
@@ -196,7 +179,7 @@ fn every_view_finds_what_it_names_in_a_recording_of_its_kind() {
         }
     }
     let (_, recording) = network_recording();
-    for view in Dashboard::named("link", &about(&recording)).unwrap().views() {
+    for view in Dashboard::named("link", &about(recording)).unwrap().views() {
         for entity in &view.entities {
             assert!(recording.rows.contains_key(entity.trim_start_matches('/')), "{}: {entity}", view.name);
         }
@@ -205,10 +188,10 @@ fn every_view_finds_what_it_names_in_a_recording_of_its_kind() {
 
 #[test]
 fn every_signal_is_in_a_dashboard_or_has_a_reason_not_to_be() {
-    let reasons: BTreeSet<&str> = NOT_SHOWN.iter().chain(&INGREDIENTS).map(|(signal, _)| signal.path).collect();
+    let reasons: BTreeSet<&str> =
+        NOT_SHOWN.iter().flat_map(|(_, signals)| *signals).map(|signal| signal.path).collect();
     let mut needed = BTreeSet::new();
-    let network = network_recording();
-    let all = recordings().iter().map(|(name, made)| (*name, made)).chain([("network", &network)]);
+    let all = recordings().iter().map(|(name, made)| (*name, made)).chain([("network", network_recording())]);
     for (name, (_, recording)) in all {
         let dashboard = Dashboard::all(&about(recording));
         for path in recording.signals.keys().chain(recording.labels.keys()) {
@@ -309,8 +292,8 @@ fn draw(name: &str, recording: &Path, jobs: &[Value], crop: &[&str]) -> Counts {
 /// What the script needs to know to draw a dashboard, and the plots that it will look at.
 fn job(name: &str, mut dashboard: Dashboard, like: &Recording) -> (Value, Vec<View>) {
     dashboard.mark_plots();
-    let plots: Vec<View> =
-        dashboard.views().iter().filter(|view| !view.curves.is_empty() && !view.behind).cloned().collect();
+    let has_curves = |view: &&View| !view.curves.is_empty() && !view.behind;
+    let plots: Vec<View> = dashboard.views().iter().filter(has_curves).cloned().collect();
     let plot = |view: &View| {
         let mut colors: Vec<_> = curves(like, view).iter().map(|curve| curve.color).collect();
         colors.push(NO_CURVE);
@@ -343,11 +326,10 @@ fn unseen(view: &View, recording: &Recording, pixels: &[u64]) -> Vec<String> {
 
 #[test]
 fn every_curve_of_every_plot_can_be_seen() {
-    let network = network_recording();
     let laws = ["paper-gsta", "paper-agsta", "paper-pid"];
     let recorded = laws.iter().map(|name| (*name, &recordings()[name]));
     let mut wrong = Vec::new();
-    for (name, (path, recording)) in recorded.chain([("network", &network)]) {
+    for (name, (path, recording)) in recorded.chain([("network", network_recording())]) {
         let about = about(recording);
         // What the network adds stands in a recording of its own.
         let jobs = DASHBOARDS.iter().filter(|described| (described.name == "link") == about.network);

@@ -23,9 +23,8 @@ fn pages() -> Vec<PathBuf> {
             }
         }
     }
-    let mut found = vec!["README.md", "ARCHITECTURE.md", "CHANGELOG.md"];
-    found.push("config/zenoh/access.md");
-    let mut found: Vec<PathBuf> = found.into_iter().map(|name| Path::new(TOP).join(name)).collect();
+    let named = ["README.md", "ARCHITECTURE.md", "CHANGELOG.md", "config/zenoh/access.md"];
+    let mut found = named.map(|name| Path::new(TOP).join(name)).to_vec();
     below(Path::new(BOOK), &mut found);
     found
 }
@@ -47,14 +46,12 @@ fn prose(text: &str) -> String {
 
 /// The anchors of the headings, as GitHub and mdBook make them.
 fn anchors(text: &str) -> BTreeSet<String> {
-    let headings = prose(text);
-    let headings = headings
-        .lines()
-        .filter_map(|line| line.trim_start_matches('#').strip_prefix(' ').filter(|_| line.starts_with('#')));
-    let kept = |c: char| c.is_alphanumeric() || matches!(c, '-' | '_' | ' ');
-    headings
-        .map(|title| title.chars().filter(|c| kept(*c)).collect::<String>().to_lowercase().replace(' ', "-"))
-        .collect()
+    let prose = prose(text);
+    let headings = prose.lines().filter(|line| line.starts_with('#'));
+    let titles = headings.filter_map(|line| line.trim_start_matches('#').strip_prefix(' '));
+    let kept = |c: &char| c.is_alphanumeric() || matches!(c, '-' | '_' | ' ');
+    let anchor = |title: &str| title.chars().filter(kept).collect::<String>().to_lowercase().replace(' ', "-");
+    titles.map(anchor).collect()
 }
 
 /// Where the links of a page lead.
@@ -114,13 +111,10 @@ fn help(place: &Place, verbs: &[&str], text: &mut String) {
     let title = [&["supertwin"][..], verbs].concat().join(" ");
     let _ = write!(text, "\n{} {title}\n\n```text\n{}\n```\n", "#".repeat(1 + verbs.len().max(1)), said.trim_end());
     let (_, listed) = said.split_once("\nCommands:\n").unwrap_or_default();
-    let names = listed.lines().take_while(|line| !line.is_empty());
-    for name in
-        names.filter_map(|line| line.strip_prefix("  ")?.split_whitespace().next().filter(|_| !line.starts_with("   ")))
-    {
-        if name != "help" {
-            help(place, &[verbs, &[name][..]].concat(), text);
-        }
+    // A line that is indented further goes on with the verb above it.
+    let lines = listed.lines().take_while(|line| !line.is_empty()).filter(|line| !line.starts_with("   "));
+    for name in lines.filter_map(|line| line.split_whitespace().next()).filter(|name| *name != "help") {
+        help(place, &[verbs, &[name][..]].concat(), text);
     }
 }
 
@@ -155,34 +149,25 @@ fn the_reference_of_keys_is_what_the_program_says() {
     check("keys.md", &text);
 }
 
-/// The pages whose commands are typed here, each in a fresh folder with the shipped configuration. Their services find
-/// each other in a network of their own.
-#[test]
-fn the_first_dive_goes_as_told() {
-    assert!(console::follow("tutorials/first-dive.md") > 0, "it shows answers");
+/// Types the commands of pages, each page in a fresh folder with the shipped configuration. Their services find each other
+/// in a network of their own.
+fn assert_go_as_told(pages: &[&str]) {
+    for page in pages {
+        assert!(console::follow(page) > 0, "{page} shows no answers");
+    }
 }
 
 #[test]
-fn two_laws_are_compared_as_told() {
-    assert!(console::follow("tutorials/compare-two-laws.md") > 0, "it shows answers");
-}
-
-#[test]
-fn a_vehicle_is_added_as_told() {
-    assert!(console::follow("tutorials/your-own-vehicle.md") > 0, "it shows answers");
+fn the_tutorials_go_as_told() {
+    assert_go_as_told(&["tutorials/first-dive.md", "tutorials/compare-two-laws.md", "tutorials/your-own-vehicle.md"]);
 }
 
 #[test]
 fn a_network_is_used_as_told() {
-    assert!(console::follow("tutorials/network.md") > 0, "it shows answers");
+    assert_go_as_told(&["tutorials/network.md"]);
 }
 
 #[test]
-fn campaigns_run_as_told() {
-    assert!(console::follow("how-to/campaigns.md") > 0, "it shows answers");
-}
-
-#[test]
-fn recordings_are_replayed_as_told() {
-    assert!(console::follow("how-to/replay.md") > 0, "it shows answers");
+fn campaigns_and_replays_go_as_told() {
+    assert_go_as_told(&["how-to/campaigns.md", "how-to/replay.md"]);
 }

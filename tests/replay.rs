@@ -1,15 +1,14 @@
 //! Replay for real: what was recorded in one process, in lock step and in real time comes back bit for bit; what was tampered
 //! with is found; a what-if is a recording like any other.
 
-use crate::support::{CONFIG, Ended, Listener, Place, Process, Proxy, SERVICES, following, listening};
+use crate::support::{self, CONFIG, Ended, Listener, Place, Process, Proxy, SERVICES, Tamper, following, listening};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use supertwin_core::run::Properties;
-use supertwin_core::{Event, Probe, RunHeader, RunSink, Signal, SinkError, Tick};
 use supertwin_lab::{Library, trial};
-use supertwin_rerun::{Options, Recording, RerunSink, read};
+use supertwin_rerun::{Recording, read};
 
 /// The vehicle's name in these tests.
 const ROV: &str = "rov";
@@ -22,37 +21,30 @@ fn recorded(place: &Place, trial: &str, more: &[&str]) -> PathBuf {
 
 /// The only recording in a folder, without its further parts.
 fn only_file(folder: &Path) -> PathBuf {
-    let files: Vec<PathBuf> = std::fs::read_dir(folder)
-        .expect("a folder")
-        .map(|entry| entry.expect("an entry").path())
-        .filter(|path| !path.display().to_string().contains(".part"))
-        .collect();
+    let files = std::fs::read_dir(folder).expect("a folder").map(|entry| entry.expect("an entry").path());
+    let mut files: Vec<PathBuf> = files.filter(|path| !path.display().to_string().contains(".part")).collect();
     assert_eq!(files.len(), 1, "{files:?}");
-    files[0].clone()
+    files.remove(0)
 }
 
 fn replay(place: &Place, file: &Path, more: &[&str]) -> Ended {
     place.call(&[&["replay", &file.display().to_string(), "--json"], more].concat())
 }
 
-/// Verified: every block of these was compared at every step, and nothing differs.
-fn verified(place: &Place, file: &Path, blocks: &[&str]) -> Value {
+/// Verified: each of the four blocks was compared, and nothing differs.
+fn verified(place: &Place, file: &Path) -> Value {
     let report = replay(place, file, &["--verify"]).well().json()["verification"].clone();
     assert_eq!(report["equal"], true, "{report}");
-    let found: Vec<&str> =
-        report["blocks"].as_array().expect("blocks").iter().filter_map(|block| block["service"].as_str()).collect();
-    assert_eq!(found, blocks);
+    let found = report["blocks"].as_array().expect("blocks").iter().filter_map(|block| block["service"].as_str());
+    assert!(found.eq(SERVICES), "{report}");
     report
 }
 
 /// Every step of a block was compared.
 fn assert_wholly_compared(report: &Value) {
     for block in report["blocks"].as_array().expect("blocks") {
-        assert_eq!(block["steps"], block["compared"], "{block}");
-        assert!(
-            block["steps"].as_u64() > Some(100) && block["inexact"].as_array().is_some_and(Vec::is_empty),
-            "{block}"
-        );
+        assert_eq!((&block["steps"], &block["inexact"]), (&block["compared"], &Value::Array(Vec::new())), "{block}");
+        assert!(block["steps"].as_u64() > Some(100), "{block}");
     }
 }
 
@@ -66,7 +58,7 @@ fn recordings_of_one_process_repeat_bit_for_bit() {
         ("external", &["--set", "trial.duration_s=40"]),
     ] {
         let file = recorded(&place, trial, more);
-        let report = verified(&place, &file, &SERVICES);
+        let report = verified(&place, &file);
         assert_wholly_compared(&report);
         assert_eq!(report["hash"], true, "{trial}");
         // The chain from a block on repeats as well.
@@ -77,73 +69,15 @@ fn recordings_of_one_process_repeat_bit_for_bit() {
     }
 }
 
-/// Keeps a run, but for one bit or one word of it.
-struct Tamper<S> {
-    sink: S,
-    at: u64,
-    signal: &'static str,
-    now: u64,
-    done: bool,
-    /// Of the properties.
-    change: fn(&mut Properties),
-}
-
-impl<S: RunSink> Tamper<S> {
-    fn new(sink: S, at: u64, signal: &'static str) -> Self {
-        Self { sink, at, signal, now: 0, done: false, change: |_| {} }
-    }
-}
-
-impl<S: RunSink> Probe for Tamper<S> {
-    fn vector(&mut self, signal: &'static Signal, values: &[f64]) {
-        let mut values = values.to_vec();
-        if self.now == self.at && signal.path == self.signal {
-            values[1] = f64::from_bits(values[1].to_bits() ^ 1);
-            self.done = true;
-        }
-        self.sink.vector(signal, &values);
-    }
-    fn label(&mut self, signal: &'static Signal, value: &'static str) {
-        let tampered = self.now == self.at && signal.path == self.signal;
-        self.done |= tampered;
-        self.sink.label(signal, if tampered { "neutral" } else { value });
-    }
-}
-
-impl<S: RunSink> RunSink for Tamper<S> {
-    fn begin(&mut self, header: &RunHeader) -> Result<(), SinkError> {
-        let mut header = header.clone();
-        (self.change)(&mut header.properties);
-        self.sink.begin(&header)
-    }
-    fn tick(&mut self, tick: Tick) -> Result<(), SinkError> {
-        self.now = tick.k;
-        self.sink.tick(tick)
-    }
-    fn event(&mut self, event: &Event) -> Result<(), SinkError> {
-        self.sink.event(event)
-    }
-    fn finish(&mut self, results: &Properties) -> Result<(), SinkError> {
-        self.sink.finish(results)
-    }
-}
-
 /// A recording of a short run that was tampered with.
-fn tampered(file: &Path, name: &str, change: impl FnOnce(&mut Tamper<RerunSink>)) -> bool {
-    let sets = ["trial.duration_s=30", "trial.score.from_s=5"].map(|set| set.parse().expect("legal"));
-    let library = Library::new(CONFIG, sets.to_vec());
-    let trial = trial::load(&library, name).expect("is legal").swap_remove(0);
-    let sink = RerunSink::create(file, Options::default()).expect("is created");
-    let mut sink = Tamper::new(sink, u64::MAX, "");
-    change(&mut sink);
-    supertwin_lab::run(&trial, 1, &mut sink, Some(&Properties::new()), |_| true).expect("runs");
-    sink.done
+fn tampered(file: &Path, change: impl FnOnce(&mut Tamper)) -> bool {
+    support::tampered(file, ["trial.duration_s=30", "trial.score.from_s=5"], 1, change)
 }
 
 #[test]
 fn what_was_tampered_with_is_found_with_its_tick_and_its_signal() {
     let place = Place::new();
-    for (i, (tick, signal, component)) in [
+    for (tick, signal, component) in [
         (700, "estimator/nav/pose", "heading"),
         (701, "controller/thrust/requested", "sway"),
         (702, "controller/status", ""),
@@ -151,14 +85,11 @@ fn what_was_tampered_with_is_found_with_its_tick_and_its_signal() {
         (704, "guidance/reference/mode", ""),
         // What the estimator hears is wrong, so that it is the estimator that differs.
         (705, "plant/measurements/dvl_range", "beam2"),
-    ]
-    .into_iter()
-    .enumerate()
-    {
-        let file = place.path().join(format!("tampered{i}.rrd"));
+    ] {
+        let file = place.path().join(format!("tampered{tick}.rrd"));
         // A ping comes at every sixth tick or so.
         let mut at = tick;
-        while !tampered(&file, "paper-gsta", |sink| (sink.at, sink.signal) = (at, signal)) {
+        while !tampered(&file, |run| run.at = (at, signal)) {
             std::fs::remove_file(&file).expect("is removed");
             at += 1;
         }
@@ -175,14 +106,9 @@ fn what_was_tampered_with_is_found_with_its_tick_and_its_signal() {
 
 /// Signals of the four services and of their links.
 fn signals(recording: &Recording) -> BTreeMap<&String, (&Vec<i64>, Vec<u64>)> {
-    let of_the_run = |path: &&String| !path.starts_with("derived/");
+    let of_the_run = recording.signals.iter().filter(|(path, _)| !path.starts_with("derived/"));
     let bits = |values: &[f64]| values.iter().map(|x| x.to_bits()).collect();
-    recording
-        .signals
-        .iter()
-        .filter(|(path, _)| of_the_run(path))
-        .map(|(path, columns)| (path, (&columns.tick, bits(&columns.values))))
-        .collect()
+    of_the_run.map(|(path, columns)| (path, (&columns.tick, bits(&columns.values)))).collect()
 }
 
 #[test]
@@ -225,9 +151,7 @@ fn a_what_if_is_a_recording_like_any_other() {
     let run = &what_if.properties["run"];
     assert_eq!((&run["replay_of"], &run["law"]), (&original.name.as_str().into(), &"agsta".into()));
     assert_eq!(run["replay_changed"], "controller agsta".into());
-    let shown = place.call(&["show", &written.display().to_string(), "--json"]).well().json();
-    assert_eq!(shown["scores"]["equal"], true, "{:?}", shown["scores"]);
-    assert_eq!(shown["complete"], true);
+    assert_eq!(scored_alike(&place, &written)["complete"], true);
 
     // From the estimator on: what it finds is different, and so is everything behind it.
     let sets = ["--set", "estimator.measurement.dvl.std=0.2", "--out", "dvl.rrd"];
@@ -240,24 +164,26 @@ fn a_what_if_is_a_recording_like_any_other() {
     assert!(dvl.signals["plant/measurements/depth"].values == original.signals["plant/measurements/depth"].values);
 
     // Nothing is ever replaced unasked.
-    let again = replay(&place, &file, &["--controller", "agsta"]);
-    assert!(again.code == Some(2) && again.err.contains("exists already"), "{again:?}");
+    replay(&place, &file, &["--controller", "agsta"]).refused("exists already");
     replay(&place, &file, &["--controller", "agsta", "--force"]).well();
-    let itself = replay(&place, &file, &["--out", &file.display().to_string(), "--force"]);
-    assert!(itself.code == Some(2) && itself.err.contains("is the recording itself"), "{itself:?}");
+    replay(&place, &file, &["--out", &file.display().to_string(), "--force"]).refused("is the recording itself");
+}
+
+/// What is shown of a recording whose scores are those of its run.
+fn scored_alike(place: &Place, file: &Path) -> Value {
+    let shown = place.call(&["show", &file.display().to_string(), "--json"]).well().json();
+    assert_eq!(shown["scores"]["equal"], true, "{:?}", shown["scores"]);
+    shown
 }
 
 /// Root-mean-square difference of one component between two recordings after `from`.
 fn deviation(a: &Recording, b: &Recording, path: &str, component: usize, from: i64) -> f64 {
     let (a, b) = (&a.signals[path], &b.signals[path]);
-    let both: Vec<f64> = a
-        .tick
-        .iter()
-        .filter(|tick| **tick >= from)
-        .filter_map(|&tick| Some(a.at(tick)?[component] - b.at(tick)?[component]))
-        .collect();
-    assert!(both.len() > 1000, "{path}");
-    (both.iter().map(|x| x * x).sum::<f64>() / both.len() as f64).sqrt()
+    let ticks = a.tick.iter().filter(|tick| **tick >= from);
+    let both = ticks.filter_map(|&tick| Some(a.at(tick)?[component] - b.at(tick)?[component]));
+    let squares: Vec<f64> = both.map(|x| x * x).collect();
+    assert!(squares.len() > 1000, "{path}");
+    (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
 }
 
 #[test]
@@ -274,16 +200,12 @@ fn a_closed_loop_with_nothing_changed_stays_near_what_was_recorded() {
         let off = |path: &str, component: usize| deviation(&closed, &original, path, component, 500);
         let (distance_m, depth_m) = (off("plant/truth/net", 0), off("plant/truth/pose", 2));
         let (sway_m_per_s, surge_n) = (off("plant/truth/velocity", 1), off("controller/thrust/requested", 0));
-        println!("{trial}: {distance_m} m {depth_m} m {sway_m_per_s} m/s {surge_n} N");
-        assert!(
-            distance_m < 0.5 && depth_m < 0.2 && sway_m_per_s < 0.1,
-            "{trial}: {distance_m} {depth_m} {sway_m_per_s}"
-        );
-        let shown = place.call(&["show", &written.display().to_string(), "--json"]).well().json();
-        assert_eq!(shown["scores"]["equal"], true, "{:?}", shown["scores"]);
+        let off = format!("{trial}: {distance_m} m {depth_m} m {sway_m_per_s} m/s {surge_n} N");
+        assert!(distance_m < 0.5 && depth_m < 0.2 && sway_m_per_s < 0.1, "{off}");
+        scored_alike(&place, &written);
         // Another law in the same water.
-        let report =
-            replay(&place, &file, &["--closed-loop", "--controller", "pid-tuned", "--out", "other"]).well().json();
+        let other_law = ["--closed-loop", "--controller", "pid-tuned", "--out", "other"];
+        let report = replay(&place, &file, &other_law).well().json();
         assert_eq!(report["changed"][0], "controller pid-tuned");
     }
 }
@@ -295,21 +217,15 @@ fn a_recording_in_lock_step_repeats_bit_for_bit() {
     let words = ["up", "paper-agsta", "--json", "--vehicle", ROV, "--listen", &place.socket, "--pace", "lockstep"];
     place.call(&[&words, &["--record", "net"][..], &short].concat()).well();
     let file = only_file(&place.path().join("net"));
-    let report = verified(&place, &file, &SERVICES);
+    let report = verified(&place, &file);
     assert_wholly_compared(&report);
     assert_eq!(report["hash"], true);
-    assert_eq!(
-        report["rebuilt"].as_object().map(serde_json::Map::len),
-        Some(0),
-        "every message has its bytes: {report}"
-    );
+    assert_eq!(report["rebuilt"], serde_json::json!({}), "every message has its bytes: {report}");
     let report = replay(&place, &file, &["--controller", "pid", "--out", "pid.rrd"]).well().json();
     assert_eq!(report["unchanged"]["equal"], true);
-    let shown = place.call(&["show", "pid.rrd", "--json"]).well().json();
-    assert_eq!(shown["scores"]["equal"], true, "{:?}", shown["scores"]);
+    scored_alike(&place, Path::new("pid.rrd"));
     // A replay is no original.
-    let twice = replay(&place, Path::new("pid.rrd"), &["--verify"]);
-    assert!(twice.code == Some(2) && twice.err.contains("is a replay itself"), "{twice:?}");
+    replay(&place, Path::new("pid.rrd"), &["--verify"]).refused("is a replay itself");
 }
 
 /// Waits until a service has stepped `ticks` times more, as others hear it.
@@ -369,74 +285,64 @@ fn a_recording_in_real_time_with_a_cut_tether_and_a_killed_controller_repeats_bi
     // What if another law had been in command, then and after the restart?
     let report = replay(&place, &file, &["--controller", "agsta", "--out", "agsta.rrd"]).well().json();
     assert_eq!(report["unchanged"]["equal"], true);
-    let (what_if, original) = (read(&place.path().join("agsta.rrd")), read(&file).expect("is read"));
-    let what_if = what_if.expect("is read");
-    let path = "controller/thrust/requested";
-    assert!(what_if.signals[path].tick == original.signals[path].tick);
-    assert!(what_if.signals[path].values != original.signals[path].values);
-    let shown = place.call(&["show", "agsta.rrd", "--json"]).well().json();
-    assert_eq!(shown["scores"]["equal"], true, "{:?}", shown["scores"]);
+    let requested = |file: &Path| read(file).expect("is read").signals["controller/thrust/requested"].clone();
+    let (what_if, original) = (requested(&place.path().join("agsta.rrd")), requested(&file));
+    assert!(what_if.tick == original.tick && what_if.values != original.values);
+    scored_alike(&place, Path::new("agsta.rrd"));
 }
 
 #[test]
 fn recordings_that_can_not_be_replayed_are_named() {
     let place = Place::new();
-    let refused = |file: &Path, more: &[&str], words: &[&str]| {
-        let ended = replay(
-            &place,
-            file,
-            &[more, &["--out", "none.rrd"][usize::from(more.contains(&"--verify")) * 2..]].concat(),
-        );
-        assert_eq!(ended.code, Some(2), "{ended:?}");
-        for word in words {
-            assert!(ended.err.contains(word), "{word} in {ended:?}");
-        }
-        assert!(!place.path().join("none.rrd").exists(), "nothing is left behind: {words:?}");
+    // The words that must be said, apart by `|`.
+    let refused = |file: &Path, more: &[&str], words: &str| {
+        let out: &[&str] = if more.contains(&"--verify") { &[] } else { &["--out", "none.rrd"] };
+        let ended = replay(&place, file, &[more, out].concat());
+        words.split('|').fold(ended, Ended::refused);
+        assert!(!place.path().join("none.rrd").exists(), "nothing is left behind: {words}");
     };
-    refused(Path::new("nowhere.rrd"), &["--verify"], &["nowhere.rrd"]);
-    std::fs::write(place.path().join("text.rrd"), "not a recording").expect("is written");
-    refused(&place.path().join("text.rrd"), &["--verify"], &["text.rrd", "not a recording"]);
+    let unreadable = |file: &Path, words: &str| refused(file, &["--verify"], words);
+    unreadable(Path::new("nowhere.rrd"), "nowhere.rrd");
+    let text = place.path().join("text.rrd");
+    std::fs::write(&text, "not a recording").expect("is written");
+    unreadable(&text, "text.rrd|not a recording");
 
-    let bare = place.path().join("bare.rrd");
-    tampered(&bare, "paper-gsta", |sink| sink.change = |run| drop(run.remove("config")));
-    refused(&bare, &["--verify"], &["bare.rrd", "property config is not there"]);
-    let seedless = place.path().join("seedless.rrd");
-    tampered(&seedless, "paper-gsta", |sink| sink.change = |run| drop(run.remove("seed")));
-    refused(&seedless, &["--verify"], &["seedless.rrd", "property seed is not there"]);
-    let other = place.path().join("other.rrd");
-    tampered(&other, "paper-gsta", |sink| {
-        sink.change = |run| {
-            let library = Library::new(CONFIG, Vec::new());
-            let other = trial::load(&library, "bluerov2").expect("is legal").swap_remove(0);
-            run.insert("config".to_owned(), other.text.into());
-        }
-    });
-    refused(&other, &["--verify"], &["other.rrd", "of another vehicle", "6 components", "8 thrusters"]);
+    let without = |name: &str, properties: fn(&mut Properties), words: &str| {
+        let file = place.path().join(name);
+        tampered(&file, |run| run.properties = properties);
+        unreadable(&file, words);
+    };
+    without("bare.rrd", |run| drop(run.remove("config")), "bare.rrd|property config is not there");
+    without("seedless.rrd", |run| drop(run.remove("seed")), "seedless.rrd|property seed is not there");
+    let of_another_vehicle = |run: &mut Properties| {
+        let library = Library::new(CONFIG, Vec::new());
+        let other = trial::load(&library, "bluerov2").expect("is legal").swap_remove(0);
+        run.insert("config".to_owned(), other.text.into());
+    };
+    without("other.rrd", of_another_vehicle, "other.rrd|of another vehicle|6 components|8 thrusters");
 
     let good = place.path().join("good.rrd");
-    tampered(&good, "paper-gsta", |_| {});
-    verified(&place, &good, &SERVICES);
+    tampered(&good, |_| {});
+    verified(&place, &good);
     let bytes = std::fs::read(&good).expect("is read");
     let half = place.path().join("half.rrd");
     std::fs::write(&half, &bytes[..bytes.len() * 9 / 10]).expect("is written");
-    refused(&half, &["--verify"], &["half.rrd", "supertwin repair", "can be replayed"]);
+    unreadable(&half, "half.rrd|supertwin repair|can be replayed");
     place.call(&["repair", "half.rrd", "--json"]).well();
     let report = replay(&place, &place.path().join("half.repaired.rrd"), &["--verify"]).well().json();
     assert_eq!(report["verification"]["equal"], true, "what is left repeats");
 
     // Changes that have no effect here.
-    refused(&good, &["--set", "environment.waves.significant_height_m=0.3"], &["concerns the plant", "--closed-loop"]);
-    refused(&good, &["--closed-loop", "--set", "environment.waves.significant_height_m=0.3"], &["takes its place"]);
-    refused(&good, &["--set", "trial.seed=3"], &["trial.seed=3", "what was recorded"]);
-    refused(
-        &good,
-        &["--from", "controller", "--set", "estimator.measurement.dvl.std=0.1"],
-        &["concerns the estimator", "--from controller"],
-    );
-    refused(&good, &["--set", "controller.law.pid.kp.surge=1"], &["another law"]);
-    refused(&good, &["--set", "estimator.measurement.dvl.std=-1"], &["dvl.std", "must be positive"]);
-    refused(&good, &["--controller", "agst"], &["no such controller", "agsta"]);
-    refused(&good, &["--verify", "--set", "guidance.lookahead_m=3"], &["cannot be used with"]);
+    let waves = "environment.waves.significant_height_m=0.3";
+    let from_controller = ["--from", "controller", "--set", "estimator.measurement.dvl.std=0.1"];
+    refused(&good, &["--set", waves], "concerns the plant|--closed-loop");
+    refused(&good, &["--closed-loop", "--set", waves], "takes its place");
+    refused(&good, &["--set", "trial.seed=3"], "trial.seed=3|what was recorded");
+    refused(&good, &from_controller, "concerns the estimator|--from controller");
+    refused(&good, &["--set", "controller.law.pid.kp.surge=1"], "another law");
+    refused(&good, &["--set", "estimator.measurement.dvl.std=-1"], "dvl.std|must be positive");
+    refused(&good, &["--controller", "agst"], "no such controller|agsta");
+    refused(&good, &["--verify", "--set", "guidance.lookahead_m=3"], "cannot be used with");
 }
 
 /// A recording from the time when an event was a sentence only (format 1, 2026-11), as it was written then.
@@ -452,7 +358,7 @@ fn of_format_1(place: &Place, name: &str, packed: &[u8]) -> PathBuf {
 fn a_recording_of_one_process_from_before_events_were_data_repeats_scores_and_aligns() {
     let place = Place::new();
     let file = of_format_1(&place, "batch.rrd", include_bytes!("fixtures/batch-format-1.rrd.gz"));
-    let report = verified(&place, &file, &SERVICES);
+    let report = verified(&place, &file);
     assert_wholly_compared(&report);
     let shown = place.call(&["show", &file.display().to_string(), "--json"]).well().json();
     assert_eq!(shown["events"].as_array().map(Vec::len), Some(15), "{shown}");
@@ -467,5 +373,5 @@ fn a_recording_of_one_process_from_before_events_were_data_repeats_scores_and_al
 fn a_recording_of_a_network_from_before_events_were_data_repeats() {
     let place = Place::new();
     let file = of_format_1(&place, "network.rrd", include_bytes!("fixtures/network-format-1.rrd.gz"));
-    assert_wholly_compared(&verified(&place, &file, &SERVICES));
+    assert_wholly_compared(&verified(&place, &file));
 }

@@ -45,11 +45,7 @@ impl<'a> Evidence<'a> {
     }
 
     fn fits(&mut self, name: &str, payload: Value) {
-        self.lines.push(Value::Array(vec![true.into(), name.into(), payload]));
-    }
-
-    fn does_not_fit(&mut self, name: &str, payload: Value) {
-        self.lines.push(Value::Array(vec![false.into(), name.into(), payload]));
+        self.lines.push(json!([true, name, payload]));
     }
 
     /// How many payloads of each name were as expected.
@@ -80,7 +76,7 @@ impl Names {
         };
         let found = self.0.iter().filter(|(pattern, _)| fits(pattern));
         let best = found.min_by_key(|(pattern, _)| pattern.matches('*').count());
-        best.map(|(_, name)| name.as_str()).unwrap_or_else(|| panic!("{key} has no schema"))
+        &best.unwrap_or_else(|| panic!("{key} has no schema")).1
     }
 }
 
@@ -215,7 +211,7 @@ fn every_message_of_a_recorded_lock_step_run_fits_its_schema() {
         let mut bad = good.clone();
         change(&mut bad);
         assert!(supertwin_protocol::decode::<Nav>(bad.to_string().as_bytes()).is_err(), "{bad}");
-        evidence.does_not_fit("nav", bad);
+        evidence.lines.push(json!([false, "nav", bad]));
     }
     let count = evidence.judge();
     for name in ["measurements", "nav", "reference", "thrust"] {
@@ -228,19 +224,17 @@ fn the_verb_lists_prints_and_writes() {
     let place = Place::new();
     let list = place.call(&["schema"]).well().out;
     assert!(list.contains("estimator/nav") && list.contains("command/*/*") && list.lines().count() >= 20, "{list}");
-    let nav: Value = serde_json::from_str(&place.call(&["schema", "nav"]).well().out).unwrap();
+    let nav = place.call(&["schema", "nav"]).well().json();
     assert_eq!(nav["$defs"]["Nav"]["properties"]["depth_m"]["unit"], "m");
     let several = place.call(&["schema", "nav", "event", "--json"]).well().json();
     assert_eq!(several[1]["schema"]["title"], "event");
 
-    let unknown = place.call(&["schema", "navigation"]);
-    assert!(unknown.code == Some(2) && unknown.err.contains("navigation: is no message; there are "), "{unknown:?}");
+    place.call(&["schema", "navigation"]).refused("navigation: is no message; there are ");
     place.call(&["schema", "nav", "--save", "there"]).well();
     let file = place.path().join("there/nav.schema.json");
     let written: Value = serde_json::from_str(&fs::read_to_string(&file).unwrap()).unwrap();
     assert_eq!(written, nav);
-    let again = place.call(&["schema", "nav", "--save", "there"]);
-    assert!(again.code == Some(2) && again.err.contains("nav.schema.json: exists already; use --force"), "{again:?}");
+    place.call(&["schema", "nav", "--save", "there"]).refused("nav.schema.json: exists already; use --force");
     place.call(&["schema", "nav", "--save", "there", "--force"]).well();
     assert!(Path::new(&file).is_file());
 }

@@ -1,7 +1,7 @@
 //! Campaigns as a researcher meets them: killed and resumed, cut into parts, on a cluster, with runs that end in NaN.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
-use crate::support::{CONFIG, Ended, Place, Process, python};
+use crate::support::{CONFIG, Place, Process, assert_says, python, until_written};
 use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -37,6 +37,13 @@ fn texts(table: &Table, name: &str) -> Vec<Option<String>> {
     }
 }
 
+fn numbers(table: &Table, name: &str) -> Vec<Option<f64>> {
+    match table.column(name) {
+        Some(Column::Number(values)) => values.clone(),
+        other => panic!("{name}: {other:?}"),
+    }
+}
+
 /// Files below a folder, with their content.
 fn files(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
     let mut found = Vec::new();
@@ -50,17 +57,22 @@ fn files(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
     found
 }
 
-/// Waits until a journal has this many finished runs.
-fn wait_for_runs(process: &mut Process, journal: &Path, runs: usize) {
-    while fs::read_to_string(journal).map_or(0, |text| text.matches('\n').count()) < runs + 1 {
-        assert!(process.is_up(), "ended by itself: {}", process.errors());
-        std::thread::yield_now();
-    }
+/// Runs that a folder's journal says are finished.
+fn finished(folder: &Path) -> usize {
+    let journal = fs::read_to_string(folder.join("journal.jsonl")).unwrap_or_default();
+    journal.matches('\n').count().saturating_sub(1)
 }
 
-fn refused(done: &Ended, expected: &str) {
-    assert_eq!(done.code, Some(2), "{done:?}");
-    assert!(done.err.contains(expected), "{expected} is not in {done:?}");
+/// Starts a sweep into `out` and waits until its journal has this many finished runs.
+fn start(place: &Place, out: &str, runs: usize, more: &[&str]) -> Process {
+    let folder = place.path().join(out);
+    fs::create_dir_all(&folder).unwrap();
+    let mut process = place.start(&[&["sweep", "mine.toml", "--out", out], more].concat());
+    until_written(&folder, "finished runs", || {
+        assert!(process.is_up(), "ended by itself: {}", process.errors());
+        (finished(&folder) >= runs).then_some(())
+    });
+    process
 }
 
 #[test]
@@ -68,16 +80,14 @@ fn killed_and_resumed_a_sweep_leaves_the_table_of_an_undisturbed_one() {
     let place = Place::new();
     spec(&place, 20, 100.0);
     place.call(&["sweep", "mine.toml", "--out", "undisturbed"]).well();
-    let journal = place.path().join("killed/journal.jsonl");
+    let killed = place.path().join("killed");
+    let journal = killed.join("journal.jsonl");
     // Three times, each time when three more runs are finished.
-    let mut finished = 0;
     for _ in 0..3 {
-        let mut process = place.start(&["sweep", "mine.toml", "--out", "killed"]);
-        wait_for_runs(&mut process, &journal, finished + 3);
-        process.kill();
-        finished = fs::read_to_string(&journal).unwrap().matches('\n').count() - 1;
-        assert!(!place.path().join("killed/table.parquet").exists(), "was killed too late to tell anything");
+        start(&place, "killed", finished(&killed) + 3, &[]).kill();
+        assert!(!killed.join("table.parquet").exists(), "was killed too late to tell anything");
     }
+    let done = finished(&killed);
     // A kill in the middle of a line is rare: this is what it leaves.
     let mut torn = fs::read(&journal).unwrap();
     torn.truncate(torn.len() - 40);
@@ -86,17 +96,16 @@ fn killed_and_resumed_a_sweep_leaves_the_table_of_an_undisturbed_one() {
     assert!(resumed.err.contains("1 line is unreadable"), "{}", resumed.err);
     let said = resumed.json();
     assert_eq!(said["runs"], 120);
-    assert_eq!(said["done_before"].as_u64().unwrap() as usize, finished - 1, "finished runs are not repeated");
+    assert_eq!(said["done_before"], done - 1, "finished runs are not repeated");
     assert_eq!(table(&place, "killed"), table(&place, "undisturbed"));
     assert_eq!(report(&place, "killed"), report(&place, "undisturbed"));
-    let rows = fs::read_to_string(&journal).unwrap().lines().count() - 1;
-    assert_eq!(rows, 120, "no run was done twice");
+    assert_eq!(finished(&killed), 120, "no run was done twice");
 
     // Once more: nothing is left to be done, and nothing is written.
-    let before = files(&place.path().join("killed"));
+    let before = files(&killed);
     let again = place.call(&["sweep", "mine.toml", "--out", "killed", "--json"]).well().json();
     assert_eq!(again["done_before"], 120);
-    assert_eq!(files(&place.path().join("killed")), before);
+    assert_eq!(files(&killed), before);
 }
 
 #[test]
@@ -122,22 +131,20 @@ fn one_core_two_cores_and_gathered_parts_give_the_same_table() {
     let run = place.call(&[&["run", "paper-agsta", "--seed", "2", "--no-record", "--json"][..], &set].concat()).json();
     let id = texts(&one, "id").iter().position(|id| id.as_deref() == Some("paper-agsta-grid1-seed2")).unwrap();
     assert_eq!(texts(&one, "hash")[id].as_deref(), run["runs"][0]["hash"].as_str());
-    let Some(Column::Number(sway)) = one.column("measured.sway_m_per_s") else { panic!("no numbers") };
-    assert_eq!(sway[id], run["runs"][0]["scores"]["measured"]["sway_m_per_s"].as_f64());
-    let Some(Column::Number(heights)) = one.column("wave_height_m") else { panic!("no numbers") };
-    assert_eq!(heights[id], Some(0.4));
+    let sway = run["runs"][0]["scores"]["measured"]["sway_m_per_s"].as_f64();
+    assert_eq!(numbers(&one, "measured.sway_m_per_s")[id], sway);
+    assert_eq!(numbers(&one, "wave_height_m")[id], Some(0.4));
 
     // What is missing or double is named, and nothing is overwritten.
-    let gather = |parts: &[&str], out: &str| {
-        place.call(&[&["sweep", "mine.toml", "--out", out, "--gather"][..], parts].concat())
-    };
-    refused(&gather(&["parts/table.1-of-3.parquet", "parts/table.3-of-3.parquet"], "few"), "6 of 18 runs are missing");
-    refused(&gather(&["parts", "one/table.parquet"], "double"), "is in parts/table.1-of-3.parquet too");
-    refused(&gather(&["parts"], "whole"), "whole/report.md: exists already; use --force");
+    let gather =
+        |parts: &[&str], out: &str| place.call(&[&["sweep", "mine.toml", "--out", out, "--gather"], parts].concat());
+    gather(&["parts/table.1-of-3.parquet", "parts/table.3-of-3.parquet"], "few").refused("6 of 18 runs are missing");
+    gather(&["parts", "one/table.parquet"], "double").refused("is in parts/table.1-of-3.parquet too");
+    gather(&["parts"], "whole").refused("whole/report.md: exists already; use --force");
     gather(&["parts", "--force"], "whole").well();
     fs::create_dir(place.path().join("empty")).unwrap();
-    refused(&gather(&["empty"], "nothing"), "no table.K-of-N.parquet there");
-    refused(&gather(&["mine.toml"], "nothing"), "mine.toml");
+    gather(&["empty"], "nothing").refused("no table.K-of-N.parquet there");
+    gather(&["mine.toml"], "nothing").refused("mine.toml");
 }
 
 #[test]
@@ -147,23 +154,23 @@ fn what_changed_since_the_beginning_is_refused() {
     place.call(&["sweep", "mine.toml", "--out", "here"]).well();
     let before = files(&place.path().join("here"));
     spec(&place, 2, 25.0);
-    refused(&place.call(&["sweep", "mine.toml", "--out", "here"]), "here/journal.jsonl: was begun with other runs");
+    place.call(&["sweep", "mine.toml", "--out", "here"]).refused("here/journal.jsonl: was begun with other runs");
     spec(&place, 1, 25.0);
     let set = ["sweep", "mine.toml", "--out", "here", "--set", "vehicle.true.net_buoyancy_n=3"];
-    refused(&place.call(&set), "--set, or --recordings has changed; use another --out, or --force");
-    refused(&place.call(&["sweep", "mine.toml", "--out", "here", "--recordings", "all"]), "was begun with other runs");
-    refused(&place.call(&["sweep", "fair", "--out", "here"]), "belongs to the sweep mine, not to fair");
+    place.call(&set).refused("--set, or --recordings has changed; use another --out, or --force");
+    place.call(&["sweep", "mine.toml", "--out", "here", "--recordings", "all"]).refused("was begun with other runs");
+    place.call(&["sweep", "fair", "--out", "here"]).refused("belongs to the sweep mine, not to fair");
     // A part of other runs does not get into the whole.
     place.call(&["sweep", "mine.toml", "--out", "part", "--shard", "1/2"]).well();
     spec(&place, 2, 25.0);
-    refused(&place.call(&["sweep", "mine.toml", "--out", "whole", "--gather", "part"]), "has other runs than");
+    place.call(&["sweep", "mine.toml", "--out", "whole", "--gather", "part"]).refused("has other runs than");
     assert_eq!(files(&place.path().join("here")), before, "nothing was touched");
     let anew = place.call(&["sweep", "mine.toml", "--out", "here", "--force", "--json"]).well().json();
     assert_eq!((anew["runs"].as_u64(), anew["done_before"].as_u64()), (Some(12), Some(0)));
     // A table without a journal is somebody's.
     fs::create_dir(place.path().join("theirs")).unwrap();
     fs::write(place.path().join("theirs/table.parquet"), "theirs").unwrap();
-    refused(&place.call(&["sweep", "mine.toml", "--out", "theirs"]), "theirs/table.parquet: exists already");
+    place.call(&["sweep", "mine.toml", "--out", "theirs"]).refused("theirs/table.parquet: exists already");
     assert_eq!(table(&place, "theirs"), b"theirs");
 }
 
@@ -177,13 +184,12 @@ fn a_run_that_ends_in_nan_is_a_row() {
     fs::write(place.path().join("nan.toml"), text).unwrap();
     let done = place.call(&["sweep", "nan.toml", "--out", "here"]);
     assert_eq!(done.code, Some(1), "{done:?}");
-    assert!(done.out.contains("4 runs: 2 complete, 2 invalid."), "{}", done.out);
-    assert!(done.out.contains("paper-pid-grid1-seed1: invalid: tick "), "{}", done.out);
+    assert_says(&done.out, &["4 runs: 2 complete, 2 invalid.", "paper-pid-grid1-seed1: invalid: tick "]);
     let table = Table::read(&place.path().join("here/table.parquet")).unwrap();
     let verdicts: Vec<_> = texts(&table, "verdict").into_iter().flatten().collect();
     assert_eq!(verdicts, ["complete", "complete", "invalid", "invalid"]);
     assert!(texts(&table, "error")[2].as_ref().unwrap().ends_with("is NaN or infinite"));
-    let Some(Column::Number(depth)) = table.column("measured.depth_m") else { panic!("no numbers") };
+    let depth = numbers(&table, "measured.depth_m");
     assert!(depth[0].is_some() && depth[2].is_none());
     assert!(report(&place, "here").contains("is NaN or infinite"));
     // Only what failed is recorded.
@@ -205,8 +211,7 @@ fn limits_put_a_verdict_to_every_run() {
     fs::write(place.path().join("limited.toml"), text).unwrap();
     let done = place.call(&["sweep", "limited.toml", "--out", "here"]);
     assert_eq!(done.code, Some(1), "{done:?}");
-    assert!(done.out.contains("4 runs: 2 fail, 2 pass."), "{}", done.out);
-    assert!(done.out.contains("paper-pid-seed1: fail: measured.sway_m_per_s = 0."), "{}", done.out);
+    assert_says(&done.out, &["4 runs: 2 fail, 2 pass.", "paper-pid-seed1: fail: measured.sway_m_per_s = 0."]);
     let table = Table::read(&place.path().join("here/table.parquet")).unwrap();
     assert_eq!(texts(&table, "verdict").into_iter().flatten().collect::<Vec<_>>(), ["fail", "fail", "pass", "pass"]);
     assert!(texts(&table, "error")[1].as_ref().unwrap().ends_with(": must be at most 0.08"));
@@ -215,30 +220,25 @@ fn limits_put_a_verdict_to_every_run() {
     assert_eq!(texts(&table, "hash")[0].as_ref().unwrap().len(), 16);
     // Other limits are another campaign; limits of what a run's scores do not have are a mistake.
     fs::write(place.path().join("limits.toml"), limits.replace("0.08", "0.2")).unwrap();
-    refused(&place.call(&["sweep", "limited.toml", "--out", "here"]), "was begun with other runs");
+    place.call(&["sweep", "limited.toml", "--out", "here"]).refused("was begun with other runs");
     fs::write(place.path().join("limits.toml"), limits.replace("measured.sway_m_per_s", "nis.depth")).unwrap();
-    refused(
-        &place.call(&["sweep", "limited.toml", "--out", "there"]),
-        "limited.toml:4:10: limits: nis.depth is no score",
-    );
+    let limited = place.call(&["sweep", "limited.toml", "--out", "there"]);
+    limited.refused("limited.toml:4:10: limits: nis.depth is no score");
 }
 
 #[test]
 fn ctrl_c_ends_a_sweep_that_goes_on_later() {
     let place = Place::new();
     spec(&place, 20, 40.0);
-    let arguments = ["sweep", "mine.toml", "--out", "here", "--recordings", "all"];
-    let mut process = place.start(&arguments);
-    wait_for_runs(&mut process, &place.path().join("here/journal.jsonl"), 2);
+    let mut process = start(&place, "here", 2, &["--recordings", "all"]);
     process.signal("INT");
     let done = process.finish();
     assert_eq!(done.code, Some(130), "{done:?}");
     assert!(done.err.contains("of 120 runs are finished and kept; the same call goes on from there"), "{}", done.err);
     assert!(!place.path().join("here/table.parquet").exists());
     // Recordings are of finished runs.
-    let finished = fs::read_to_string(place.path().join("here/journal.jsonl")).unwrap().lines().count() - 1;
     let recordings = files(&place.path().join("here/recordings"));
-    assert_eq!(recordings.len(), finished);
+    assert_eq!(recordings.len(), finished(&place.path().join("here")));
     assert!(recordings.iter().all(|(path, _)| read(path).unwrap().complete));
 }
 
@@ -246,11 +246,10 @@ fn ctrl_c_ends_a_sweep_that_goes_on_later() {
 fn two_sweeps_do_not_write_into_one_folder() {
     let place = Place::new();
     spec(&place, 20, 500.0);
-    let mut first = place.start(&["sweep", "mine.toml", "--out", "here"]);
-    wait_for_runs(&mut first, &place.path().join("here/journal.jsonl"), 1);
+    let mut first = start(&place, "here", 1, &[]);
     let second = place.call(&["sweep", "mine.toml", "--out", "here"]);
     assert!(first.is_up(), "was too fast to tell anything");
-    refused(&second, "here/journal.jsonl: another sweep is writing here now");
+    second.refused("here/journal.jsonl: another sweep is writing here now");
     first.kill();
 }
 
@@ -269,18 +268,18 @@ fn bad_sweeps_are_named_with_their_line_and_write_nothing() {
     ];
     for (text, expected) in cases {
         fs::write(place.path().join("bad.toml"), text).unwrap();
-        refused(&place.call(&["sweep", "bad.toml"]), expected);
+        place.call(&["sweep", "bad.toml"]).refused(expected);
         assert!(!place.path().join("runs").exists(), "{expected}: wrote something");
     }
-    refused(&place.call(&["sweep", "far"]), "did you mean `fair`?");
-    refused(&place.call(&["sweep", "fair", "--shard", "3/2"]), "must be K/N with K from 1 to N");
-    refused(&place.call(&["sweep", "fair", "--shard", "1/2", "--gather", "x"]), "cannot be used with");
+    place.call(&["sweep", "far"]).refused("did you mean `fair`?");
+    place.call(&["sweep", "fair", "--shard", "3/2"]).refused("must be K/N with K from 1 to N");
+    place.call(&["sweep", "fair", "--shard", "1/2", "--gather", "x"]).refused("cannot be used with");
     fs::write(place.path().join("file"), "").unwrap();
-    refused(&place.call(&["sweep", "mine.toml", "--out", "file/below"]), "file/below");
+    place.call(&["sweep", "mine.toml", "--out", "file/below"]).refused("file/below");
     // `check` finds the same.
     fs::create_dir(place.path().join("sweeps")).unwrap();
     fs::copy(place.path().join("bad.toml"), place.path().join("sweeps/bad.toml")).unwrap();
-    refused(&place.call(&["check", "sweeps/bad.toml"]), "did you mean `paper-pid`?");
+    place.call(&["check", "sweeps/bad.toml"]).refused("did you mean `paper-pid`?");
     let shipped = format!("{CONFIG}/sweeps/fair.toml");
     assert!(place.call(&["check", &shipped]).well().out.contains("best_of"));
     let help = place.call(&["sweep", "--help"]).out;
@@ -299,20 +298,15 @@ fn a_dask_cluster_gives_the_table_of_one_machine_and_duckdb_reads_it() {
     let client = Path::new(CONFIG).join("../tests/clients/sweep_dask.py");
     let arguments = ["mine.toml", "--out", "shared", "--parts", "3", "--supertwin", env!("CARGO_BIN_EXE_supertwin")];
     let python = environment.join("bin/python");
-    let start = || {
+    let call = || {
         let mut command = place.command(python.to_str().unwrap());
-        Process::start(command.arg(&client).args(arguments).args(["--config", CONFIG]))
+        Process::start(command.arg(&client).args(arguments).args(["--config", CONFIG])).finish()
     };
-    let said = start().finish().well().out;
-    for words in [
-        "part 1/3 on one of 2 workers: 6 runs",
-        "3 of 3 parts",
-        "18 runs, {'complete': 18}: table in shared/table.parquet",
-    ] {
-        assert!(said.contains(words), "{words} is not in {said}");
-    }
+    let said = call().well().out;
+    let whole = "18 runs, {'complete': 18}: table in shared/table.parquet";
+    assert_says(&said, &["part 1/3 on one of 2 workers: 6 runs", "3 of 3 parts", whole]);
     assert_eq!(table(&place, "shared"), table(&place, "alone"));
-    let again = start().finish();
+    let again = call();
     assert!(again.err.contains("exists already; use --force"), "{again:?}");
 
     // A query like the one in the book.

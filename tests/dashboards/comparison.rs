@@ -1,27 +1,19 @@
 //! The dashboard of a comparison, in pictures.
 
-use super::{LEAST, NO_CURVE, draw, folder, overwrite, recordings, save};
-use crate::support::python;
+use super::{LEAST, NO_CURVE, draw, folder, record, recordings, save};
+use crate::support::{CONFIG, python};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use supertwin_core::Property;
-use supertwin_core::run::Properties;
-use supertwin_lab::{Library, metrics, trial};
-use supertwin_rerun::blueprint::{self, Dashboard, TABS, View};
+use supertwin_lab::statistics::{mean, standard_deviation};
+use supertwin_lab::{Library, metrics};
+use supertwin_rerun::blueprint::{Dashboard, TABS, View};
 use supertwin_rerun::merge::{Better, Cell, ScoreRow, Scores};
-use supertwin_rerun::{Merge, Merged, MergedRun, RerunSink, merge, read_selected};
+use supertwin_rerun::{Merge, Merged, MergedRun, merge, read_selected};
 
 /// Measured errors that the paper has in its table IV, and what they cost.
-const METRICS: [&str; 8] = [
-    "measured.distance_m",
-    "measured.speed_m_per_s",
-    "measured.surge_m_per_s",
-    "measured.sway_m_per_s",
-    "measured.depth_m",
-    "measured.heading_rad",
-    "activity.surge",
-    "activity.heave",
-];
+const METRICS: &str = "measured.distance_m measured.speed_m_per_s measured.surge_m_per_s measured.sway_m_per_s \
+                       measured.depth_m measured.heading_rad activity.surge activity.heave";
 
 /// Mean and standard deviation of what these runs left in their properties.
 fn score(paths: &[&Path], name: &str) -> Cell {
@@ -30,10 +22,7 @@ fn score(paths: &[&Path], name: &str) -> Cell {
         _ => panic!("{name} is no number"),
     };
     let values: Vec<f64> = paths.iter().map(value).collect();
-    let n = values.len() as f64;
-    let mean = values.iter().sum::<f64>() / n;
-    let variance = values.iter().map(|x| (x - mean) * (x - mean)).sum::<f64>() / (n - 1.0);
-    Cell { value: mean, plus_minus: (values.len() > 1).then(|| variance.sqrt()) }
+    Cell { value: mean(&values), plus_minus: standard_deviation(&values) }
 }
 
 /// Merges the paper's trials, each with as many recordings as there are; GSTA is what the others are held against.
@@ -55,7 +44,7 @@ fn compare(name: &str, trials: &[(&str, Vec<&Path>)]) -> (PathBuf, Merged) {
         better: Better::Lower,
         chart: true,
     };
-    all.scores = Scores { rows: METRICS.map(row).into(), ..Scores::default() };
+    all.scores = Scores { rows: METRICS.split(' ').map(row).collect(), ..Scores::default() };
     let best = |row: &ScoreRow| row.cells.iter().flatten().map(|cell| cell.value).fold(f64::INFINITY, f64::min);
     for row in &all.scores.rows {
         let best = row.cells.iter().position(|cell| cell.unwrap().value <= best(row)).unwrap();
@@ -68,11 +57,8 @@ fn compare(name: &str, trials: &[(&str, Vec<&Path>)]) -> (PathBuf, Merged) {
 
 /// Colours of the curves in a plot of a comparison, which has them written down.
 fn colors(view: &View) -> Vec<[u8; 3]> {
-    let color = |curves: &blueprint::Curves| {
-        let [r, g, b, _] = curves.color.unwrap_or_default().to_be_bytes();
-        [r, g, b]
-    };
-    view.curves.iter().map(color).collect()
+    let bytes = view.curves.iter().map(|curves| curves.color.unwrap_or_default().to_be_bytes());
+    bytes.map(|[r, g, b, _]| [r, g, b]).collect()
 }
 
 /// Draws every tab of a comparison to `<name>-<tab>.png`, and says which curves can't be seen.
@@ -121,14 +107,8 @@ fn a_comparison_shows_who_is_better_where() {
 
     // Several seeds of each, half a minute long.
     let shorter = "trial.duration_s=40".parse().unwrap();
-    let library = Library::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../config"), vec![shorter]);
-    let record = |law: &str, seed: u64| {
-        let path = folder().join(format!("compare-{law}-seed{seed}.rrd"));
-        let mut sink = RerunSink::create(&path, overwrite()).unwrap();
-        let trial = &trial::load(&library, law).unwrap()[0];
-        supertwin_lab::run(trial, seed, &mut sink, Some(&Properties::new()), |_| true).unwrap();
-        path
-    };
+    let library = Library::new(CONFIG, vec![shorter]);
+    let record = |law: &str, seed: u64| record(&library, law, Some(seed), &format!("compare-{law}-seed{seed}"));
     let seeds = laws.map(|law| (1..=4).map(|seed| record(law, seed)).collect::<Vec<_>>());
     let many: Vec<_> =
         laws.iter().zip(&seeds).map(|(law, paths)| (*law, paths.iter().map(PathBuf::as_path).collect())).collect();

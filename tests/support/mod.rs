@@ -7,11 +7,15 @@ mod listener;
 pub mod page;
 mod process;
 pub mod python;
+mod tamper;
 mod tether;
+mod written;
 
 pub use listener::{Events, Listener};
 pub use process::{Ended, Place, Process};
+pub use tamper::{Tamper, tampered};
 pub use tether::{Cable, Proxy};
+pub use written::until_written;
 
 use serde_json::Value;
 use std::path::Path;
@@ -23,6 +27,11 @@ pub const CONFIG: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config");
 pub const SERVICES: [&str; 4] = ["plant", "estimator", "guidance", "controller"];
 /// Longest wait for anything in these tests: a recorder in a dev build takes half a minute to rewrite 20 s in larger pieces.
 pub const LIMIT: Duration = Duration::from_secs(180);
+
+/// All of these words are in a text.
+pub fn assert_says(text: &str, all: &[&str]) {
+    all.iter().for_each(|words| assert!(text.contains(words), "{words} is missing in\n{text}"));
+}
 
 /// Where a process listens that says so in its first line, e.g. by `tcp`.
 pub fn listening(said: &Value, protocol: &str) -> String {

@@ -99,6 +99,13 @@ impl Ended {
         self
     }
 
+    /// Itself, if the call was refused with status 2 and these words.
+    pub fn refused(self, words: &str) -> Self {
+        assert_eq!(self.code, Some(2), "{self:?}");
+        assert!(self.err.contains(words), "{words} is not in {self:?}");
+        self
+    }
+
     /// Standard output as JSON.
     pub fn json(&self) -> Value {
         serde_json::from_str(&self.out).unwrap_or_else(|error| panic!("no JSON: {error}: {self:?}"))

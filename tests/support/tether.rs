@@ -141,30 +141,16 @@ impl Cable {
         let subnet = u8::try_from(number % 250).expect("small");
         let cable = Self { vehicle: format!("stv{number}"), topside: format!("stt{number}"), subnet };
         for name in [&cable.vehicle, &cable.topside] {
-            if !ip(&["netns", "add", name]) {
+            if !ip(&format!("netns add {name}")) {
                 return None;
             }
         }
         let (v, t) = (format!("sv{number}"), format!("st{number}"));
-        let laid = ip(&[
-            "link",
-            "add",
-            &v,
-            "netns",
-            &cable.vehicle,
-            "type",
-            "veth",
-            "peer",
-            "name",
-            &t,
-            "netns",
-            &cable.topside,
-        ]) && [(&cable.vehicle, &v, 1), (&cable.topside, &t, 2)].into_iter().all(|(name, device, host)| {
-            let address = format!("10.77.{subnet}.{host}/24");
-            ip(&["-n", name, "addr", "add", &address, "dev", device])
-                && ip(&["-n", name, "link", "set", device, "up"])
-                && ip(&["-n", name, "link", "set", "lo", "up"])
-        });
+        let laid = ip(&format!("link add {v} netns {} type veth peer name {t} netns {}", cable.vehicle, cable.topside))
+            && [(&cable.vehicle, &v, 1), (&cable.topside, &t, 2)].into_iter().all(|(name, device, host)| {
+                ip(&format!("-n {name} addr add 10.77.{subnet}.{host}/24 dev {device}"))
+                    && [device, "lo"].into_iter().all(|device| ip(&format!("-n {name} link set {device} up")))
+            });
         laid.then_some(cable)
     }
 
@@ -177,19 +163,19 @@ impl Cable {
     pub fn plug(&self, plugged: bool) {
         let device = self.topside.replace("stt", "st");
         let state = if plugged { "up" } else { "down" };
-        assert!(ip(&["-n", &self.topside, "link", "set", &device, state]), "the cable can be {state}");
+        assert!(ip(&format!("-n {} link set {device} {state}", self.topside)), "the cable can be {state}");
     }
 }
 
 impl Drop for Cable {
     fn drop(&mut self) {
         for name in [&self.vehicle, &self.topside] {
-            ip(&["netns", "del", name]);
+            ip(&format!("netns del {name}"));
         }
     }
 }
 
-fn ip(words: &[&str]) -> bool {
-    let done = Command::new("ip").args(words).stdout(Stdio::null()).stderr(Stdio::null()).status();
+fn ip(words: &str) -> bool {
+    let done = Command::new("ip").args(words.split(' ')).stdout(Stdio::null()).stderr(Stdio::null()).status();
     done.is_ok_and(|status| status.success())
 }

@@ -26,24 +26,16 @@ const WIRES: [(&str, usize, &[&str]); 4] = [
 ];
 
 fn main() {
+    const ALL: [(&str, fn()); 4] = [("lockstep", lock_step), ("realtime", real_time), ("up", up), ("fleet", fleet)];
     let words: Vec<String> = std::env::args().skip(1).filter(|word| word != "--bench").collect();
     let words: Vec<&str> = words.iter().map(String::as_str).collect();
-    match words.as_slice() {
-        ["participant", name, endpoint, laps, pace_hz] => {
-            participant(name, endpoint, laps.parse().unwrap(), pace_hz.parse().unwrap());
-        }
-        [] => {
-            lock_step();
-            real_time();
-            up();
-            fleet();
-        }
-        ["lockstep"] => lock_step(),
-        ["realtime"] => real_time(),
-        ["up"] => up(),
-        ["fleet"] => fleet(),
-        other => panic!("{other:?}: must be nothing, lockstep, realtime, up or fleet"),
+    if let ["participant", name, endpoint, laps, pace_hz] = words[..] {
+        return participant(name, endpoint, laps.parse().unwrap(), pace_hz.parse().unwrap());
     }
+    let wanted = |name: &str| words.is_empty() || words == [name];
+    let asked: Vec<fn()> = ALL.into_iter().filter(|(name, _)| wanted(name)).map(|(_, bench)| bench).collect();
+    assert!(!asked.is_empty(), "{words:?}: must be nothing, lockstep, realtime, up or fleet");
+    asked.into_iter().for_each(|bench| bench());
 }
 
 /// A child that ends with the bench.
@@ -156,10 +148,8 @@ fn participant(name: &str, endpoint: &str, laps: u64, pace_hz: f64) {
         let wall_s = clock.now().saturating_sub(began).as_secs_f64();
         latencies.sort_by(f64::total_cmp);
         let quantile = |q: f64| latencies[(q * (latencies.len() - 1) as f64) as usize];
-        println!(
-            "{}",
-            serde_json::json!({ "laps_per_s": laps as f64 / wall_s, "p50_us": quantile(0.5), "p99_us": quantile(0.99) })
-        );
+        let [p50, p99] = [0.5, 0.99].map(quantile);
+        println!("{}", serde_json::json!({ "laps_per_s": laps as f64 / wall_s, "p50_us": p50, "p99_us": p99 }));
     } else {
         // The last output still has to be sent.
         let _ = publisher.matching_status().wait();
@@ -208,25 +198,13 @@ fn real_time() {
     println!("real time at 50 Hz, from measurements to the thrust they led to, microseconds");
     let (_router, endpoint) = router();
     let plain = plain(&endpoint, 1000, 50.0);
-    println!(
-        "  plain Zenoh   p50 {:.0}  p99 {:.0}",
-        plain["p50_us"].as_f64().unwrap(),
-        plain["p99_us"].as_f64().unwrap()
-    );
+    let [p50, p99] = ["p50_us", "p99_us"].map(|quantile| plain[quantile].as_f64().unwrap());
+    println!("  plain Zenoh   p50 {p50:.0}  p99 {p99:.0}");
     for telemetry in ["0", "1"] {
         let session = client(&endpoint);
         let health = session.declare_subscriber("supertwin/bench/health/plant").wait().unwrap();
-        let words = [
-            "--vehicle",
-            "bench",
-            "--json",
-            "--telemetry-every",
-            telemetry,
-            "--duration",
-            "15",
-            "--connect",
-            &endpoint,
-        ];
+        let words = format!("--vehicle bench --json --telemetry-every {telemetry} --duration 15 --connect {endpoint}");
+        let words: Vec<&str> = words.split(' ').collect();
         let start = |service: &str| Process::supertwin(&[&["serve", service][..], &words].concat());
         let _services = ["controller", "guidance", "estimator", "plant"].map(start);
         let mut last = Value::Null;
