@@ -2,14 +2,11 @@
 
 use super::page::BOOK;
 use super::{Place, Process};
-use std::fmt::Write;
 use std::fs;
-use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
 const TOP: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../..");
-const SUPERTWIN: &str = env!("CARGO_BIN_EXE_supertwin");
 
 /// What a reader does.
 #[derive(Debug)]
@@ -51,7 +48,7 @@ pub fn steps(page: &str) -> Vec<Step> {
 }
 
 /// Processes that a command leaves running, each of which says that it is up.
-pub fn left_running(command: &str) -> usize {
+fn left_running(command: &str) -> usize {
     let each = |words: &str| words.split(';').next().map_or(0, |words| words.split_whitespace().count());
     match command.split_once("for service in ") {
         Some((_, words)) => each(words),
@@ -60,7 +57,7 @@ pub fn left_running(command: &str) -> usize {
 }
 
 /// The program that enters a network of its own and a folder for sockets of its own, if the machine allows it.
-pub fn apart() -> Option<[&'static str; 3]> {
+fn apart() -> Option<[&'static str; 3]> {
     let mine = "mkdir -p /tmp/supertwin && mount -t tmpfs -o mode=700 none /tmp/supertwin && ip link set lo up";
     let ways = [["unshare", "-nm", "bash"], ["unshare", "-rnm", "bash"]];
     ways.into_iter().find(|[program, flags, shell]| {
@@ -68,6 +65,57 @@ pub fn apart() -> Option<[&'static str; 3]> {
         command.args([flags, shell, "-c", mine]).stdout(Stdio::null()).stderr(Stdio::null());
         command.status().is_ok_and(|status| status.success())
     })
+}
+
+/// Commands as they are typed, one after the other, each of which must succeed; in a network of its own, if the machine
+/// allows it.
+pub struct Script {
+    text: String,
+    apart: Option<[&'static str; 3]>,
+    commands: usize,
+}
+
+impl Script {
+    /// With these folders first on the path.
+    pub fn new(path: &str) -> Self {
+        let head = "set -e\ntrap 'kill $(jobs -p) 2>/dev/null || true; wait' EXIT\n";
+        let mut script = Self { text: format!("{head}export PATH=\"{path}:$PATH\"\n"), apart: apart(), commands: 0 };
+        if script.is_apart() {
+            script.line("mount -t tmpfs -o mode=700 none /tmp/supertwin\nip link set lo up");
+        }
+        script
+    }
+
+    /// Whether it has a network of its own.
+    pub fn is_apart(&self) -> bool {
+        self.apart.is_some()
+    }
+
+    /// A line as it is.
+    pub fn line(&mut self, line: &str) {
+        self.text += line;
+        self.text += "\n";
+    }
+
+    /// A command whose answer is kept, and that is waited for until what it leaves running is up.
+    pub fn command(&mut self, line: &str) {
+        let (i, n) = (self.commands, left_running(line));
+        self.commands += 1;
+        self.line(&format!("{{ {line}\n}} > answer.{i} 2>&1 || {{ cat answer.{i}; exit 1; }}"));
+        if n > 0 {
+            self.line(&format!("until [ $(grep -c 'Ctrl-C ends it' answer.{i}) -ge {n} ]; do sleep 0.1; done"));
+        }
+    }
+
+    /// Does all of it in `place`; the answers of its commands.
+    pub fn run(&self, place: &Place) -> Vec<String> {
+        fs::write(place.path().join("script"), &self.text).expect("is written");
+        let words = self.apart.as_ref().map_or(&["bash"][..], |words| &words[..]);
+        let ended = Process::start(place.command(words[0]).args(&words[1..]).arg("script")).finish();
+        assert_eq!(ended.code, Some(0), "{ended:?}\n{}", self.text);
+        let answer = |i| fs::read_to_string(place.path().join(format!("answer.{i}"))).expect("was written");
+        (0..self.commands).map(answer).collect()
+    }
 }
 
 /// Does what a page of the book says, in a fresh folder with the shipped configuration. Returns how many lines of answers
@@ -79,61 +127,32 @@ pub fn follow(page: &str) -> usize {
     let place = Place::new();
     let copied = Command::new("cp").args(["-r", &format!("{TOP}/config")]).arg(place.path()).status();
     assert!(copied.expect("cp is there").success());
-    let bin = place.path().join("bin");
-    fs::create_dir(&bin).expect("a folder");
-    let program = bin.join("supertwin");
-    fs::write(&program, format!("#!/bin/sh\nexec '{SUPERTWIN}' \"$@\"\n")).expect("is written");
-    fs::set_permissions(&program, fs::Permissions::from_mode(0o755)).expect("is made a program");
-    let mut script = format!(
-        "set -e\ntrap 'kill $(jobs -p) 2>/dev/null || true; wait' EXIT\nexport PATH=\"{}:$PATH\"\n",
-        bin.display()
-    );
-    let apart = apart();
-    if apart.is_some() {
-        script += "mount -t tmpfs -o mode=700 none /tmp/supertwin\nip link set lo up\n";
-    }
-    for (i, step) in steps.iter().enumerate() {
-        match step {
-            Step::File { name, text } => {
-                let _ = writeln!(
-                    script,
-                    "mkdir -p \"$(dirname {name})\"\ncat > {name} <<'END_OF_FILE'\n{text}\nEND_OF_FILE"
-                );
-            }
-            // The viewer needs a screen, packages come from the world outside.
-            Step::Command { line, .. } if ["rerun ", "pip "].iter().any(|other| line.starts_with(other)) => {}
-            Step::Command { line, .. } => {
-                let _ = writeln!(script, "{{ {line}\n}} > answer.{i} 2>&1 || {{ cat answer.{i}; exit 1; }}");
-                let n = left_running(line);
-                if n > 0 {
-                    let _ = writeln!(
-                        script,
-                        "until [ $(grep -c 'Ctrl-C ends it' answer.{i}) -ge {n} ]; do sleep 0.1; done"
-                    );
-                }
-            }
-        }
-    }
+    let mut script = Script::new(&place.bin(""));
     let networked = steps.iter().any(|step| matches!(step, Step::Command { line, .. } if left_running(line) > 0));
-    if networked && apart.is_none() {
+    if networked && !script.is_apart() {
         eprintln!("{page}: not tried, as this machine allows no network namespace");
         return steps.len();
     }
-    fs::write(place.path().join("script"), &script).expect("is written");
-    let mut shell = match apart {
-        Some([program, flags, shell]) => {
-            let mut command = place.command(program);
-            command.args([flags, shell]);
-            command
+    for step in &steps {
+        match step {
+            Step::File { name, text } => {
+                script.line(&format!(
+                    "mkdir -p \"$(dirname {name})\"\ncat > {name} <<'END_OF_FILE'\n{text}\nEND_OF_FILE"
+                ));
+            }
+            // The viewer needs a screen, packages come from the world outside.
+            Step::Command { line, .. } if ["rerun ", "pip "].iter().any(|other| line.starts_with(other)) => {
+                script.command("true");
+            }
+            Step::Command { line, .. } => script.command(line),
         }
-        None => place.command("bash"),
-    };
-    let ended = Process::start(shell.arg("script")).finish();
-    assert_eq!(ended.code, Some(0), "{page}: {ended:?}\n{script}");
+    }
     let mut compared = 0;
-    for (i, step) in steps.iter().enumerate() {
-        let Step::Command { line, answer } = step else { continue };
-        let said = fs::read_to_string(place.path().join(format!("answer.{i}"))).unwrap_or_default();
+    let commands = steps.iter().filter_map(|step| match step {
+        Step::Command { line, answer } => Some((line, answer)),
+        Step::File { .. } => None,
+    });
+    for (said, (line, answer)) in script.run(&place).iter().zip(commands) {
         let mut said_lines = said.lines().map(str::trim_end);
         for wanted in answer.iter().map(|line| line.trim_end()).filter(|line| *line != "…") {
             assert!(said_lines.any(|line| line == wanted), "{page}: $ {line}\nnever says\n{wanted}\nbut\n{said}");

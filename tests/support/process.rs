@@ -62,6 +62,17 @@ impl Place {
         self.start(arguments).finish()
     }
 
+    /// A folder for the path in which `supertwin` is the program under test, called with these arguments before all others.
+    /// A program and not a function of the shell: what is killed must be itself.
+    pub fn bin(&self, arguments: &str) -> String {
+        let bin = self.path().join("bin");
+        let program = bin.join("supertwin");
+        std::fs::create_dir_all(&bin).expect("a folder");
+        std::fs::write(&program, format!("#!/bin/sh\nexec '{SUPERTWIN}' {arguments} \"$@\"\n")).expect("is written");
+        std::fs::set_permissions(&program, std::fs::Permissions::from_mode(0o755)).expect("is made a program");
+        bin.display().to_string()
+    }
+
     /// Calls a line of shell, in which `supertwin` is the program under test, and waits for its end.
     pub fn shell(&self, line: &str) -> Ended {
         self.start_shell(line).finish()
@@ -70,13 +81,8 @@ impl Place {
     /// Starts a line of shell, in which `supertwin` is the program under test; a line that is left running says `exec`
     /// before it, so that what is killed is the program and not only the shell.
     pub fn start_shell(&self, line: &str) -> Process {
-        let bin = self.path().join("bin");
-        let program = bin.join("supertwin");
-        std::fs::create_dir_all(&bin).expect("a folder");
-        std::fs::write(&program, format!("#!/bin/sh\nexec '{SUPERTWIN}' --config '{CONFIG}' \"$@\"\n"))
-            .expect("is written");
-        std::fs::set_permissions(&program, std::fs::Permissions::from_mode(0o755)).expect("is made a program");
-        let line = format!("PATH=\"{}:$PATH\"; export PATH; {line}", bin.display());
+        let bin = self.bin(&format!("--config '{CONFIG}'"));
+        let line = format!("PATH=\"{bin}:$PATH\"; export PATH; {line}");
         Process::start(self.command("sh").args(["-c", &line]))
     }
 }
