@@ -5,6 +5,7 @@ mod cli;
 mod clients;
 mod compare;
 mod dashboards;
+mod deadlines;
 mod documents;
 mod locked;
 mod network;
