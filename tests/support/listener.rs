@@ -83,13 +83,27 @@ impl Listener {
         }
     }
 
-    /// Looks at what comes for a while; nothing needs to come.
-    pub fn during(&self, span: Duration, mut look: impl FnMut(&str, &Value)) {
-        let end = self.clock.now() + span;
-        while let Some(heard) = self.inbox.next(Some(end)) {
-            let value = serde_json::from_slice(&heard.payload).unwrap_or(Value::Null);
-            look(heard.key.strip_prefix(&self.prefix).unwrap_or(&heard.key), &value);
+    /// Enters events until there are as many of each of these services as it says of itself from now on. Health must be
+    /// listened to as well.
+    pub fn complete(&self, events: &mut Events, services: &[&str]) {
+        let (began, give_up) = (self.clock.now(), self.clock.now() + LIMIT);
+        let mut told: BTreeMap<String, usize> = BTreeMap::new();
+        let all = |events: &Events, told: &BTreeMap<String, usize>, service: &str| {
+            told.iter().any(|(source, sent)| {
+                let heard = events.numbers.get(source).map_or(0, Vec::len);
+                source.starts_with(&format!("{service}-")) && heard >= *sent
+            })
+        };
+        while !services.iter().all(|service| all(events, &told, service)) {
+            assert!(self.clock.now() < give_up, "{told:?} were sent, and these were heard: {:?}", events.numbers);
+            let (key, value, at) = self.next();
+            events.enter(&key, &value);
+            if key.starts_with("health/") && at >= began {
+                let source = value["source"].as_str().expect("a source").to_owned();
+                told.insert(source, value["events"].as_u64().expect("a count") as usize);
+            }
         }
+        events.are_complete(services);
     }
 }
 
