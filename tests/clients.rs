@@ -3,11 +3,11 @@
 //! The client comes from PyPI into `target`, once. What a program does is judged by the vehicle's true state.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
+use crate::support::python::environment_with;
 use crate::support::{Events, Listener, Place, Process, Proxy, SERVICES, listening};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
-use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::Command;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use supertwin_zenoh::Client;
@@ -21,26 +21,9 @@ static TURN: Mutex<()> = Mutex::new(());
 
 // ----------------------------------------------------------------------------------------------------------- programs
 
-/// The interpreter with the client in it, installed when it is not there yet. Not the environment of the viewer's
-/// test, which clears it.
+/// The interpreter with the client in it, installed when it is not there yet.
 fn python() -> PathBuf {
-    let target = Path::new(env!("CARGO_TARGET_TMPDIR")).parent().unwrap();
-    let home = target.join("python-clients");
-    let binary = home.join("bin/python");
-    // Others may do the same now: whoever holds the lock installs, they find it installed.
-    let lock = fs::File::create(target.join("python-clients.lock")).unwrap();
-    lock.lock().unwrap();
-    let installed = home.join("installed");
-    if fs::read_to_string(&installed).is_ok_and(|what| what == ZENOH) {
-        return binary;
-    }
-    let pip = ["-m", "pip", "install", "--quiet", "--disable-pip-version-check", ZENOH];
-    for command in [Command::new("python3").args(["-m", "venv", "--clear"]).arg(&home), Command::new(&binary).args(pip)]
-    {
-        assert!(command.status().unwrap().success(), "{command:?}");
-    }
-    fs::write(installed, ZENOH).unwrap();
-    binary
+    environment_with("python-clients", &[ZENOH]).join("bin/python")
 }
 
 /// A twin in a process of its own.

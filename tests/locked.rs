@@ -2,9 +2,9 @@
 //! the tutorial's addresses.
 
 use crate::support::console::{Script, Step, steps};
+use crate::support::python::environment_with;
 use crate::support::{CONFIG, Place};
 use std::path::Path;
-use std::process::Command;
 
 const PAGE: &str = include_str!("../docs/src/tutorials/locked.md");
 const TOP: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../..");
@@ -28,16 +28,8 @@ fn the_commands_of_the_tutorial_lock_a_vehicle_and_steer_it_from_python() {
     let place = Place::new();
     std::os::unix::fs::symlink(Path::new(TOP).join("tests"), place.path().join("tests")).expect("is linked");
     // Packages come from the world outside: they are fetched before the network is left.
-    let python = place.path().join("python");
-    let made = Command::new("python3").args(["-m", "venv"]).arg(&python).status().expect("python3 is there");
-    assert!(made.success());
-    let python = python.join("bin");
-    for line in commands.iter().filter(|line| line.starts_with("pip ")) {
-        let words: Vec<&str> = line.split_whitespace().skip(1).collect();
-        let done =
-            Command::new(python.join("pip")).args(["--quiet", "--disable-pip-version-check"]).args(words).status();
-        assert!(done.expect("pip is there").success(), "{line}");
-    }
+    let packages: Vec<&str> = commands.iter().filter_map(|line| line.strip_prefix("pip install ")).collect();
+    let python = environment_with("python-clients", &packages).join("bin");
     let mut script = Script::new(&format!("{}:{}", place.bin(&format!("--config '{CONFIG}'")), python.display()));
     let (port, apart) = (free_port(), script.is_apart());
     let here = |line: &str| {
