@@ -35,7 +35,7 @@ pub(crate) struct ServiceTelemetry {
 pub(crate) struct Lap {
     pub(crate) tick: u64,
     pub(crate) parts: [Option<ServiceTelemetry>; RING.len()],
-    heard_at: Duration,
+    received_at: Duration,
 }
 
 impl Lap {
@@ -48,7 +48,7 @@ impl Lap {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Entered {
     /// It waits for its lap to be complete.
-    Taken,
+    Waiting,
     /// Some before it are missing: whoever keeps them should be asked for so many of the newest.
     Gap(u64),
     /// It was here before.
@@ -78,7 +78,7 @@ impl Line {
 pub(crate) struct LapAssembler {
     waiting: BTreeMap<u64, Lap>,
     /// The next tick to be written, once one has been.
-    next: Option<u64>,
+    pub(crate) next: Option<u64>,
     lines: [Line; RING.len()],
     /// Until then newer ticks wait for older ones.
     hold_until: Duration,
@@ -115,10 +115,7 @@ impl LapAssembler {
             self.settle(service, None);
             if !self.late_waiting[service].is_empty() && self.asked[service].is_none() {
                 // A link that was cut is whole again: what it kept back can be asked for.
-                self.hold_until = now + RECALL;
-                let wanted = gap.saturating_add(BESIDE);
-                self.asked[service] = Some((now + AGAIN, wanted));
-                return Entered::Gap(wanted);
+                return self.ask(service, gap, now);
             }
             return Entered::Late;
         }
@@ -133,7 +130,7 @@ impl LapAssembler {
             // What came before the first message of all is history, and no jump.
             (line.seq, line.jump) = (part.seq, if first { 0 } else { gap });
         }
-        let lap = self.waiting.entry(tick).or_insert_with(|| Lap { tick, parts: Default::default(), heard_at: now });
+        let lap = self.waiting.entry(tick).or_insert_with(|| Lap { tick, parts: Default::default(), received_at: now });
         let slot = &mut lap.parts[service];
         if slot.as_ref().is_some_and(|known| known.source == part.source && known.seq == part.seq) {
             return Entered::Known;
@@ -142,12 +139,17 @@ impl LapAssembler {
         *slot = Some(part);
         if newer && gap > 0 && !thinned {
             // Before the first message of all there may be none that anybody keeps; asking costs nothing.
-            self.hold_until = now + RECALL;
-            let wanted = gap.saturating_add(BESIDE);
-            self.asked[service] = Some((now + AGAIN, wanted));
-            return Entered::Gap(wanted);
+            return self.ask(service, gap, now);
         }
-        Entered::Taken
+        Entered::Waiting
+    }
+
+    /// Newer ticks wait while a service is asked for the `gap` messages that are missing.
+    fn ask(&mut self, service: usize, gap: u64, now: Duration) -> Entered {
+        self.hold_until = now + RECALL;
+        let wanted = gap.saturating_add(BESIDE);
+        self.asked[service] = Some((now + AGAIN, wanted));
+        Entered::Gap(wanted)
     }
 
     /// Puts what came too late in order: what follows the last one that was written, and everything below number `below`.
@@ -182,7 +184,7 @@ impl LapAssembler {
             let held = now < self.hold_until && !(self.next.is_some() && expected && lap.is_complete());
             // In silence nothing is late: the newest tick may be all that came through before a cut.
             let newest = self.waiting.len() == 1 && !lap.is_complete();
-            let patient = (newest || now.saturating_sub(lap.heard_at) < PATIENCE) && self.waiting.len() < ROOM;
+            let patient = (newest || now.saturating_sub(lap.received_at) < PATIENCE) && self.waiting.len() < ROOM;
             let waits = (held && self.waiting.len() < ROOM) || (patient && !(lap.is_complete() && expected));
             !waits
         };
@@ -236,16 +238,11 @@ impl LapAssembler {
             && self.next.is_none_or(|next| tick >= next)
     }
 
-    /// The next tick to be written.
-    pub(crate) fn next(&self) -> Option<u64> {
-        self.next
-    }
-
     /// When to look again, if nothing arrives.
     pub(crate) fn due(&self) -> Option<Duration> {
         let lap = self.waiting.first_key_value()?.1;
         let again = self.asked.iter().flatten().map(|(due, _)| *due).min().unwrap_or(Duration::MAX);
-        Some((lap.heard_at + PATIENCE).max(self.hold_until).min(again))
+        Some((lap.received_at + PATIENCE).max(self.hold_until).min(again))
     }
 }
 
@@ -281,7 +278,7 @@ mod tests {
     fn complete_laps_are_written_at_once_and_in_order() {
         let mut assembler = LapAssembler::default();
         for tick in [0, 1] {
-            assert_eq!(lap(&mut assembler, tick, ms(0)), [Entered::Taken; 4]);
+            assert_eq!(lap(&mut assembler, tick, ms(0)), [Entered::Waiting; 4]);
         }
         assert_eq!(ticks(&mut assembler, ms(0)), [0, 1]);
         assembler.enter(0, 2, part(3), ms(20));
@@ -318,7 +315,7 @@ mod tests {
         // Three speak, the fourth does not.
         for tick in 1..=50 {
             for service in 0..3 {
-                assert_eq!(assembler.enter(service, tick, part(tick + 1), ms(20 * tick)), Entered::Taken);
+                assert_eq!(assembler.enter(service, tick, part(tick + 1), ms(20 * tick)), Entered::Waiting);
             }
         }
         let written = ticks(&mut assembler, ms(2000));

@@ -25,7 +25,7 @@ const AGREE: u32 = 10;
 #[derive(Debug, Default)]
 pub(crate) struct LinkMonitor {
     /// When telemetry was last heard.
-    pub(crate) heard_at: Duration,
+    pub(crate) received_at: Duration,
     /// Messages that were no messages, signals that changed their width, and the like.
     pub(crate) refused: u64,
     /// The last words of each state: a state that is told again is no news.
@@ -38,7 +38,8 @@ pub(crate) struct LinkMonitor {
     offset_ns: Option<i64>,
     /// The same of the plant's clock and simulated time: agreed, candidate, how many agree.
     sender: Option<(i64, i64, u32)>,
-    sender_step_s: Option<f64>,
+    /// The plant's clock jumped by so many seconds, which has not been told yet.
+    pub(crate) sender_step_s: Option<f64>,
 }
 
 impl LinkMonitor {
@@ -47,10 +48,9 @@ impl LinkMonitor {
         if self.complaints.len() > 1000 {
             self.complaints.clear();
         }
-        let last = self.complaints.insert(what.to_owned(), now);
-        let may = last.is_none_or(|last| now.saturating_sub(last) >= COMPLAINT);
-        if let (false, Some(last)) = (may, last) {
-            self.complaints.insert(what.to_owned(), last);
+        let may = self.complaints.get(what).is_none_or(|last| now.saturating_sub(*last) >= COMPLAINT);
+        if may {
+            self.complaints.insert(what.to_owned(), now);
         }
         may
     }
@@ -88,11 +88,6 @@ impl LinkMonitor {
         } else {
             (*candidate, *count) = (offset, 1);
         }
-    }
-
-    /// The plant's clock jumped by so many seconds.
-    pub(crate) fn take_sender_step(&mut self) -> Option<f64> {
-        self.sender_step_s.take()
     }
 
     /// Keeps a service's counters until the next tick is written.
@@ -193,7 +188,7 @@ mod tests {
         let mut monitor = LinkMonitor::default();
         let mut observe = |sender_ns: i64, recorder_ns: i64| {
             monitor.sender(Clocks { sender_ns, recorder_ns });
-            monitor.take_sender_step()
+            monitor.sender_step_s.take()
         };
         let tick = 20_000_000;
         for k in 0..50 {

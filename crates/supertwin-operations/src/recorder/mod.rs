@@ -21,9 +21,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 use supertwin_core::run::{Properties, Property, Scene};
 use supertwin_lab::ResolvedTrial;
-use supertwin_protocol::{Clock, Received, SystemClock, keys};
+use supertwin_protocol::{Clock, Received, keys};
 use supertwin_rerun::Live;
-use supertwin_zenoh::{Inbox, LinkError, Mailbox, Session, unique};
+use supertwin_zenoh::{Inbox, LinkError, Session, unique};
 use vehicle::{Shared, Vehicle};
 
 /// Name of the recorder as a witness in lock step.
@@ -46,11 +46,7 @@ fn scene(properties: &Properties) -> Option<Scene> {
 pub struct Recorder {
     inbox: Inbox,
     shared: Shared,
-    /// The one vehicle of a session with a namespace of its own, or whoever turns up.
-    only: Option<String>,
-    namespaced: bool,
     vehicles: BTreeMap<String, Vehicle>,
-    once: bool,
     lost: u64,
 }
 
@@ -69,12 +65,9 @@ impl Background {
     pub fn end(self) -> Result<(), OperationError> {
         self.stop.store(true, Ordering::Relaxed);
         self.interrupter.interrupt();
-        match self.thread.join() {
-            Ok(done) => Ok(done?),
-            Err(_) => {
-                Err(OperationError::Option("the recorder has panicked; what it had written is readable".to_owned()))
-            }
-        }
+        let panicked =
+            |_| OperationError::Option("the recorder has panicked; what it had written is readable".to_owned());
+        Ok(self.thread.join().map_err(panicked)??)
     }
 }
 
@@ -95,47 +88,35 @@ pub struct Options {
     pub once: bool,
 }
 
+impl Options {
+    /// What the keys of `vehicle` begin with.
+    fn root(&self, vehicle: &str) -> String {
+        if self.namespaced { String::new() } else { format!("{}/", keys::namespace(vehicle)) }
+    }
+}
+
 impl Recorder {
-    /// Listens on `session`.
+    /// Listens on `session`, in `inbox`, by whose interrupter its wait is ended.
     ///
     /// # Errors
     /// A key can't be subscribed to.
     pub fn new(
+        mut inbox: Inbox,
         session: &Session,
         clock: Arc<dyn Clock>,
         live: Option<Live>,
         options: Options,
     ) -> Result<Self, LinkError> {
-        let mut inbox = Inbox::new(Arc::clone(&clock));
-        let root = match (&options.vehicle, options.namespaced) {
-            (_, true) => String::new(),
-            (Some(vehicle), false) => format!("{}/", keys::namespace(vehicle)),
-            (None, false) => format!("{}/", keys::namespace("*")),
-        };
+        let root = options.root(options.vehicle.as_deref().unwrap_or("*"));
         let wires = vehicle::WIRES.iter().map(|key| (*key).to_owned());
         let others = [keys::telemetry("*"), keys::health("*"), keys::stop("*"), keys::state("*", "**")];
         for key in wires.chain(others) {
             inbox.listen(session, &format!("{root}{key}"))?;
         }
         inbox.listen_events(session, &format!("{root}{}", keys::event("*")))?;
-        let mut recorder = Self {
-            shared: Shared {
-                session: session.clone(),
-                clock,
-                instance: unique(),
-                witness: options.witness,
-                folder: options.folder,
-                live,
-                rotation: options.rotation,
-            },
-            inbox,
-            only: options.vehicle,
-            namespaced: options.namespaced,
-            vehicles: BTreeMap::new(),
-            once: options.once,
-            lost: 0,
-        };
-        if let Some(name) = recorder.only.clone() {
+        let shared = Shared { session: session.clone(), clock, instance: unique(), live, options };
+        let mut recorder = Self { inbox, shared, vehicles: BTreeMap::new(), lost: 0 };
+        if let Some(name) = recorder.shared.options.vehicle.clone() {
             recorder.meet(&name)?;
         }
         Ok(recorder)
@@ -145,18 +126,6 @@ impl Recorder {
     #[must_use]
     pub fn instance(&self) -> &str {
         &self.shared.instance
-    }
-
-    /// Its wait ends when `stop` is set and `mailbox` is woken.
-    pub fn ends_with(&self, stop: &Arc<AtomicBool>, mailbox: Arc<Mailbox>) {
-        let (stop, interrupter) = (Arc::clone(stop), self.inbox.interrupter());
-        std::thread::spawn(move || {
-            let clock = SystemClock::start();
-            while !stop.load(Ordering::Relaxed) {
-                mailbox.wait(&clock, None);
-            }
-            interrupter.interrupt();
-        });
     }
 
     /// Records in a thread of its own until the handle is ended.
@@ -169,8 +138,7 @@ impl Recorder {
     }
 
     fn meet(&mut self, name: &str) -> Result<(), LinkError> {
-        let root = if self.namespaced { String::new() } else { format!("{}/", keys::namespace(name)) };
-        let vehicle = Vehicle::new(name, &root, &self.shared, &self.inbox)?;
+        let vehicle = Vehicle::new(name, &self.shared.options.root(name), &self.shared, &self.inbox)?;
         self.vehicles.insert(name.to_owned(), vehicle);
         Ok(())
     }
@@ -183,66 +151,65 @@ impl Recorder {
         let mut due = self.shared.clock.now();
         while !stop.load(Ordering::Relaxed) {
             let now = self.shared.clock.now();
-            if let Some(heard) = self.inbox.next(Some(due.max(now))) {
-                self.take(&heard)?;
+            if let Some(message) = self.inbox.next(Some(due.max(now))) {
+                self.receive(&message)?;
                 // All that is there already, before anything is written.
                 let now = self.shared.clock.now();
                 for _ in 0..256 {
-                    let Some(heard) = self.inbox.next(Some(now)) else { break };
-                    self.take(&heard)?;
+                    let Some(message) = self.inbox.next(Some(now)) else { break };
+                    self.receive(&message)?;
                 }
             }
             due = self.shared.clock.now() + Duration::from_millis(250);
             for vehicle in self.vehicles.values_mut() {
                 due = due.min(vehicle.poll(&self.inbox));
-                vehicle.news.drain(..).for_each(|news| say(&news));
+                vehicle.notices.drain(..).for_each(|notice| say(&notice));
             }
             self.count_lost();
-            if self.once && !self.vehicles.is_empty() && self.vehicles.values().all(|vehicle| vehicle.finished > 0) {
+            if self.shared.options.once
+                && !self.vehicles.is_empty()
+                && self.vehicles.values().all(|vehicle| vehicle.finished > 0)
+            {
                 break;
             }
         }
         // A slow disk leaves a queue: what has arrived is recorded before the end.
-        for heard in self.inbox.rest() {
-            self.take(&heard)?;
+        for message in self.inbox.rest() {
+            self.receive(&message)?;
         }
         let now = self.shared.clock.now();
         for vehicle in self.vehicles.values_mut() {
             vehicle.poll(&self.inbox);
             vehicle.end_run(false, now);
-            vehicle.news.drain(..).for_each(|news| say(&news));
+            vehicle.notices.drain(..).for_each(|notice| say(&notice));
             for compacting in vehicle.compacting.drain(..) {
-                match compacting.join() {
-                    Ok(Ok(())) => {}
-                    Ok(Err(cause)) => say(&json!({ "warning": format!("not compacted, and whole: {cause}") })),
-                    Err(_) => say(&json!({ "warning": "compacting has panicked; the recording is whole" })),
-                }
+                let warning = match compacting.join() {
+                    Ok(Ok(())) => continue,
+                    Ok(Err(cause)) => format!("not compacted, and whole: {cause}"),
+                    Err(_) => "compacting has panicked; the recording is whole".to_owned(),
+                };
+                say(&json!({ "warning": warning }));
             }
         }
         Ok(())
     }
 
-    fn take(&mut self, heard: &Received) -> Result<(), LinkError> {
-        if self.namespaced {
-            let name = self.only.clone().unwrap_or_default();
-            if let Some(vehicle) = self.vehicles.get_mut(&name) {
-                vehicle.take(&heard.key, heard, &self.inbox);
+    /// Hands a message to the vehicle that its key names, which may be one that has not been met before.
+    fn receive(&mut self, message: &Received) -> Result<(), LinkError> {
+        let (name, key) = if self.shared.options.namespaced {
+            (self.shared.options.vehicle.clone().unwrap_or_default(), message.key.as_str())
+        } else {
+            let mut parts = message.key.splitn(3, '/');
+            match (parts.next(), parts.next(), parts.next()) {
+                (Some("supertwin"), Some(name), Some(key)) => (name.to_owned(), key),
+                _ => return Ok(()),
             }
-            return Ok(());
-        }
-        let mut parts = heard.key.splitn(3, '/');
-        let (Some("supertwin"), Some(name), Some(key)) = (parts.next(), parts.next(), parts.next()) else {
-            return Ok(());
         };
-        if !self.vehicles.contains_key(name) {
-            if self.vehicles.len() >= VEHICLES {
-                return Ok(());
-            }
-            let name = name.to_owned();
+        if !self.vehicles.contains_key(&name) && self.vehicles.len() < VEHICLES {
             self.meet(&name)?;
         }
-        if let Some(vehicle) = self.vehicles.get_mut(name) {
-            vehicle.take(key, heard, &self.inbox);
+        if let Some(vehicle) = self.vehicles.get_mut(&name) {
+            vehicle.receive(key, message, &self.inbox);
         }
         Ok(())
     }

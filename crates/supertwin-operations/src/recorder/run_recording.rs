@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::thread::JoinHandle;
 use std::time::Duration;
 use supertwin_core::run::Properties;
-use supertwin_core::{Event, Probe, RunHeader, RunSink, Signal, SinkError, Tick};
+use supertwin_core::{Event, EventKind, Probe, RunHeader, RunSink, Signal, SinkError, Tick};
 use supertwin_lab::rescore::{self, Rescored};
 use supertwin_rerun::{Clocks, Live, Options, RerunSink, compact, read_selected};
 
@@ -34,17 +34,6 @@ impl Default for Rotation {
     }
 }
 
-/// What the owner should tell others.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) enum News {
-    /// A part was begun.
-    Opened(PathBuf),
-    /// A part was closed properly.
-    Closed(PathBuf),
-    /// The disk failed.
-    Failed(String),
-}
-
 /// A run on its way to disk.
 pub(crate) struct RunRecording {
     header: RunHeader,
@@ -56,7 +45,8 @@ pub(crate) struct RunRecording {
     flushed_at: Duration,
     /// Ticks that could not be written while the disk failed.
     pub(crate) lost_ticks: u64,
-    pub(crate) news: Vec<News>,
+    /// What happened to the file, for its owner to tell others.
+    pub(crate) events: Vec<EventKind>,
     /// Parts that are closed and are being rewritten in larger pieces.
     pub(crate) compacting: Vec<JoinHandle<Result<(), String>>>,
 }
@@ -97,7 +87,7 @@ impl RunRecording {
             live,
             flushed_at: now,
             lost_ticks: 0,
-            news: Vec::new(),
+            events: Vec::new(),
             compacting: Vec::new(),
         };
         recording.mend(now);
@@ -129,7 +119,7 @@ impl RunRecording {
             });
         match opened {
             Ok((sink, path)) => {
-                self.news.push(News::Opened(path.clone()));
+                self.events.push(EventKind::RecordingOpened { path: path.display().to_string() });
                 self.file = File::Open { sink: Box::new(sink), path, since: now };
             }
             Err(error) => self.broken(&error, now),
@@ -137,7 +127,7 @@ impl RunRecording {
     }
 
     fn broken(&mut self, error: &SinkError, now: Duration) {
-        self.news.push(News::Failed(error.to_string()));
+        self.events.push(EventKind::RecordingFailed { reason: error.to_string() });
         // What has been written is closed as well as the disk allows, and stays readable in any case.
         self.file = File::Broken { until: now + RETRY };
     }
@@ -226,7 +216,7 @@ impl RunRecording {
         let File::Open { mut sink, path, .. } = std::mem::replace(&mut self.file, File::None) else { return };
         match sink.finish(results) {
             Ok(()) => {
-                self.news.push(News::Closed(path.clone()));
+                self.events.push(EventKind::RecordingClosed { path: path.display().to_string() });
                 self.compacting.push(std::thread::spawn(move || compact(&path)));
             }
             Err(error) => self.broken(&error, now),

@@ -3,13 +3,13 @@
 mod receive;
 mod write;
 
+use super::Options;
 use super::lap_assembler::LapAssembler;
 use super::link_monitor::LinkMonitor;
-use super::run_recording::{News, Rotation, RunRecording};
+use super::run_recording::RunRecording;
 use super::signal_registry::SignalRegistry;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -39,20 +39,14 @@ const ASK: Duration = Duration::from_millis(500);
 /// Events and messages that wait for their run to be known.
 const ROOM: usize = 20_000;
 
-/// Before the first tick.
-const START: Tick = Tick { k: 0, dt_s: 0.0 };
-
 /// What all vehicles of one recorder have in common.
 #[derive(Clone)]
 pub(crate) struct Shared {
     pub(crate) session: Session,
     pub(crate) clock: Arc<dyn Clock>,
     pub(crate) instance: String,
-    /// Name as a witness in lock step.
-    pub(crate) witness: String,
-    pub(crate) folder: Option<PathBuf>,
     pub(crate) live: Option<Live>,
-    pub(crate) rotation: Rotation,
+    pub(crate) options: Options,
 }
 
 /// A message that has been read as far as its header.
@@ -89,22 +83,24 @@ pub(crate) struct Vehicle {
     /// Files of runs that are over and are being rewritten.
     pub(crate) compacting: Vec<JoinHandle<Result<(), String>>>,
     /// What happened to files, for whoever shows it.
-    pub(crate) news: Vec<Value>,
+    pub(crate) notices: Vec<Value>,
 }
 
 /// A run that is being recorded, or will be as soon as it is described.
+#[derive(Default)]
 struct Run {
     id: String,
     assembler: LapAssembler,
     recording: Option<RunRecording>,
-    first_heard: Duration,
+    first_received_at: Duration,
     dt_s: f64,
     lock_step: bool,
     digest: RunDigest,
-    /// The hash covers every tick from the first.
-    digest_whole: bool,
+    /// The hash does not cover every tick from the first.
+    digest_broken: bool,
     ticks: u64,
-    last: Tick,
+    /// Number of the tick that was written last.
+    last: u64,
     wire_seen: BTreeMap<String, (String, u64)>,
     wire_missing: BTreeMap<String, u64>,
     widths: BTreeMap<&'static str, usize>,
@@ -112,23 +108,9 @@ struct Run {
 }
 
 impl Run {
-    fn new(id: &str, now: Duration) -> Self {
-        Self {
-            id: id.to_owned(),
-            assembler: LapAssembler::default(),
-            recording: None,
-            first_heard: now,
-            dt_s: 0.0,
-            lock_step: false,
-            digest: RunDigest::default(),
-            digest_whole: true,
-            ticks: 0,
-            last: START,
-            wire_seen: BTreeMap::new(),
-            wire_missing: BTreeMap::new(),
-            widths: BTreeMap::new(),
-            warnings: 0,
-        }
+    /// The tick that was written last.
+    fn last(&self) -> Tick {
+        Tick { k: self.last, dt_s: self.dt_s }
     }
 }
 
@@ -144,7 +126,7 @@ impl Vehicle {
             Arc::clone(&shared.clock),
             true,
         )?;
-        let receipts = Receipts::open(&shared.session, root, &shared.witness, &shared.instance, None, now)?;
+        let receipts = Receipts::open(&shared.session, root, &shared.options.witness, &shared.instance, None, now)?;
         let mut vehicle = Self {
             name: name.to_owned(),
             root: root.to_owned(),
@@ -163,7 +145,7 @@ impl Vehicle {
             undescribed: None,
             finished: 0,
             compacting: Vec::new(),
-            news: Vec::new(),
+            notices: Vec::new(),
         };
         vehicle.inquire(inbox);
         for service in RING {
@@ -200,10 +182,26 @@ impl Vehicle {
 
     /// Says something about the recording, in the recording as well.
     fn tell(&mut self, severity: Severity, what: EventKind) {
-        let (id, tick) = self.run.as_ref().map_or((String::new(), START), |run| (run.id.clone(), run.last));
+        let (id, tick) =
+            self.run.as_ref().map_or((String::new(), Tick { k: 0, dt_s: 0.0 }), |run| (run.id.clone(), run.last()));
         let event = self.publisher.event(&id, tick, severity, what);
         let clocks = self.clocks(self.shared.clock.unix_ns(), self.shared.clock.now());
         self.events.push((id, event, clocks));
+    }
+
+    /// Says that messages of a key are missing; of one that is too slow, and loses something at every tick, once a second.
+    fn tell_gap(&mut self, key: String, messages: u64, after_tick: Option<u64>, before_tick: u64, now: Duration) {
+        if self.monitor.may_complain(&format!("gap in {key}"), now) {
+            self.tell(Severity::Warning, EventKind::NotRecorded { key, messages, after_tick, before_tick });
+        }
+    }
+
+    /// Says what is missing of the telemetry of every service since `before`.
+    fn tell_gaps(&mut self, before: [u64; RING.len()], after_tick: Option<u64>, before_tick: u64, now: Duration) {
+        let Some(missing) = self.run.as_ref().map(|run| run.assembler.missing) else { return };
+        for (i, service) in RING.into_iter().enumerate().filter(|(i, _)| missing[*i] > before[*i]) {
+            self.tell_gap(keys::telemetry(service), missing[i] - before[i], after_tick, before_tick, now);
+        }
     }
 
     /// Writes what is ready; when to look again.
@@ -212,7 +210,7 @@ impl Vehicle {
         if let Some(step_s) = self.monitor.clock_step(&*self.shared.clock) {
             self.tell(Severity::Warning, EventKind::ClockStepped { service: "recorder".into(), step_s });
         }
-        if let Some(step_s) = self.monitor.take_sender_step() {
+        if let Some(step_s) = self.monitor.sender_step_s.take() {
             self.tell(Severity::Warning, EventKind::ClockStepped { service: "plant".into(), step_s });
         }
         self.describe(now, inbox);
@@ -238,11 +236,9 @@ impl Vehicle {
         if self.monitor.health_is_due(now) {
             self.tell_health(now);
         }
-        let over = self.stop.is_some_and(|(tick, _)| {
-            self.run.as_ref().is_some_and(|run| run.assembler.next().is_some_and(|next| next >= tick))
-        });
-        if over {
-            let complete = self.stop.is_some_and(|(_, complete)| complete);
+        if let Some((tick, complete)) = self.stop
+            && self.run.as_ref().is_some_and(|run| run.assembler.next.is_some_and(|next| next >= tick))
+        {
             self.end_run(complete, now);
         }
         due
@@ -250,30 +246,16 @@ impl Vehicle {
 
     /// Tells everybody what happened to the files.
     fn report(&mut self) {
-        let news = match &mut self.run {
-            Some(Run { recording: Some(recording), .. }) => std::mem::take(&mut recording.news),
-            _ => return,
-        };
-        for news in news {
-            let (severity, what, value) = match news {
-                News::Opened(path) => (
-                    Severity::Info,
-                    EventKind::RecordingOpened { path: path.display().to_string() },
-                    json!({ "vehicle": self.name, "recording": path }),
-                ),
-                News::Closed(path) => (
-                    Severity::Info,
-                    EventKind::RecordingClosed { path: path.display().to_string() },
-                    json!({ "vehicle": self.name, "closed": path }),
-                ),
-                News::Failed(cause) => (
-                    Severity::Error,
-                    EventKind::RecordingFailed { reason: cause.clone() },
-                    json!({ "vehicle": self.name, "failed": cause }),
-                ),
+        let Some(Run { recording: Some(recording), .. }) = &mut self.run else { return };
+        for event in std::mem::take(&mut recording.events) {
+            let (severity, name, what) = match &event {
+                EventKind::RecordingOpened { path } => (Severity::Info, "recording", path),
+                EventKind::RecordingClosed { path } => (Severity::Info, "closed", path),
+                EventKind::RecordingFailed { reason } => (Severity::Error, "failed", reason),
+                _ => continue,
             };
-            self.news.push(value);
-            self.tell(severity, what);
+            self.notices.push(json!({ "vehicle": self.name, name: what }));
+            self.tell(severity, event);
         }
     }
 
@@ -286,7 +268,7 @@ impl Vehicle {
         let mut health = Health { refused: self.monitor.refused, telemetry_dropped: dropped, ..Health::default() };
         if let Some(run) = &self.run {
             health.run.clone_from(&run.id);
-            health.tick = run.last.k;
+            health.tick = run.last;
             health.tick_s = run.dt_s;
             health.lock_step = run.lock_step;
             health.steps = run.ticks;

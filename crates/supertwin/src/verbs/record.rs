@@ -11,9 +11,8 @@ use supertwin_operations::OperationError;
 use supertwin_operations::recorder::{Options, Recorder};
 use supertwin_protocol::{Clock, SystemClock};
 use supertwin_rerun::Live;
-use supertwin_zenoh::{Mailbox, close};
+use supertwin_zenoh::{Inbox, close};
 
-/// Arguments of `record`.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   supertwin record                               every vehicle of this router, into runs/recorded
@@ -22,8 +21,9 @@ use supertwin_zenoh::{Mailbox, close};
   supertwin serve plant --pace lockstep --witness recorder &  supertwin record --once
                                                  the ring waits for the recorder: no tick is missing
 
-Ctrl-C and SIGTERM close the files. After a crash or a power cut everything but the last second is there; `supertwin
-repair` makes such a file whole.
+Ctrl-C and SIGTERM close the files. After a crash or a kill of the recorder everything but the
+last second is there, after a power cut what the system had written to the disk by then;
+`supertwin repair` makes such a file whole.
 Exit status: 0 stopped, 2 the call is wrong, 130 interrupted before a router was there.")]
 pub(crate) struct RecordArguments {
     #[command(flatten)]
@@ -56,16 +56,16 @@ pub(crate) fn live(arguments: &LiveArguments, json: bool) -> Result<Option<Live>
 
 /// What happened to a file, for people or programs.
 pub(crate) fn say(json: bool) -> impl FnMut(&Value) {
-    move |news| {
-        if let Some(text) = news["warning"].as_str() {
+    move |notice| {
+        if let Some(text) = notice["warning"].as_str() {
             terminal::warn(&format!("warning: {text}"));
         } else if json {
-            terminal::print(&news.to_string());
-        } else if let Some(path) = news["recording"].as_str() {
-            terminal::print(&format!("{}: recording to {path}", news["vehicle"].as_str().unwrap_or_default()));
-        } else if let Some(path) = news["closed"].as_str() {
+            terminal::print(&notice.to_string());
+        } else if let Some(path) = notice["recording"].as_str() {
+            terminal::print(&format!("{}: recording to {path}", notice["vehicle"].as_str().unwrap_or_default()));
+        } else if let Some(path) = notice["closed"].as_str() {
             terminal::print(&format!("closed {path}"));
-        } else if let Some(cause) = news["failed"].as_str() {
+        } else if let Some(cause) = notice["failed"].as_str() {
             terminal::warn(&format!("error: NOT RECORDING: {cause}"));
         }
     }
@@ -78,13 +78,14 @@ pub(crate) fn record(
     json: bool,
     library: &Library,
 ) -> Result<ExitCode, OperationError> {
-    let mailbox = Arc::new(Mailbox::default());
-    let stop = terminal::mailbox_stop_flag(&mailbox)?;
+    let clock: Arc<dyn Clock> = Arc::new(SystemClock::start());
+    let inbox = Inbox::new(Arc::clone(&clock));
+    let interrupter = inbox.interrupter();
+    let stop = terminal::stop_flag(move || interrupter.interrupt())?;
     let Some(session) = open_patiently(link.link(library, "local", None, None), &stop)? else {
         return Ok(ExitCode::from(INTERRUPTED));
     };
     let live = live(&arguments.live, json)?;
-    let clock: Arc<dyn Clock> = Arc::new(SystemClock::start());
     let options = Options {
         folder: (!arguments.no_file).then(|| arguments.out.clone()),
         rotation: arguments.rotation(),
@@ -93,14 +94,10 @@ pub(crate) fn record(
         namespaced: false,
         once: arguments.once,
     };
-    let mut recorder = Recorder::new(&session, clock, live, options)?;
-    // Ctrl-C wakes the mailbox; here somebody else waits.
-    recorder.ends_with(&stop, mailbox);
-    if json {
-        terminal::print(&json!({ "recorder": recorder.instance() }).to_string());
-    } else {
-        terminal::print("waiting for a vehicle; Ctrl-C closes the recordings");
-    }
+    let mut recorder = Recorder::new(inbox, &session, clock, live, options)?;
+    terminal::print_result(json, &json!({ "recorder": recorder.instance() }), || {
+        "waiting for a vehicle; Ctrl-C closes the recordings".to_owned()
+    });
     recorder.run(&stop, say(json))?;
     close(&session);
     Ok(ExitCode::SUCCESS)

@@ -4,7 +4,7 @@ use super::super::lap_assembler::{Lap, ServiceTelemetry};
 use super::super::link_monitor::LinkMonitor;
 use super::super::run_recording::RunRecording;
 use super::super::signal_registry::SignalRegistry;
-use super::{ASK, DESCRIBED, Run, Vehicle};
+use super::{ASK, DESCRIBED, Run, Shared, Vehicle};
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -12,7 +12,7 @@ use supertwin_core::message::{Measurements, Message as _, Nav, Reference, Signal
 use supertwin_core::run::{FORMAT, Properties, Property};
 use supertwin_core::{EventKind, Observe as _, Probe as _, RunHeader, Severity, Signal, Tick};
 use supertwin_lab::Tracking;
-use supertwin_protocol::{Shape, keys};
+use supertwin_protocol::Shape;
 use supertwin_zenoh::Inbox;
 use supertwin_zenoh::witness::RING;
 
@@ -49,7 +49,7 @@ impl Vehicle {
             return;
         }
         let about = self.about.get("plant").cloned();
-        if about.is_none() && now.saturating_sub(run.first_heard) < DESCRIBED {
+        if about.is_none() && now.saturating_sub(run.first_received_at) < DESCRIBED {
             if now.saturating_sub(self.asked_at) > ASK {
                 self.inquire(inbox);
             }
@@ -77,8 +77,8 @@ impl Vehicle {
         let scene = super::super::scene(&properties).unwrap_or_default();
         let name = format!("{}-{}", self.name, run.id);
         let header = RunHeader { name, properties, scene };
-        let (folder, live) = (self.shared.folder.clone(), self.shared.live.as_ref());
-        run.recording = Some(RunRecording::begin(header, folder, live, self.shared.rotation, now));
+        let Shared { live, options, .. } = &self.shared;
+        run.recording = Some(RunRecording::begin(header, options.folder.clone(), live.as_ref(), options.rotation, now));
         if undescribed {
             self.tell(Severity::Warning, EventKind::ConfigurationUnknown);
         }
@@ -108,18 +108,8 @@ impl Vehicle {
         self.undescribed = None;
         let missing = run.assembler.missing;
         let Some(lap) = run.assembler.pop(now, run.lock_step, flush) else { return false };
-        let before = run.last.k;
-        let gaps: Vec<(&str, u64)> = (0..RING.len())
-            .map(|i| (RING[i], run.assembler.missing[i] - missing[i]))
-            .filter(|(_, gap)| *gap > 0)
-            .collect();
-        for (service, gap) in gaps {
-            // One that is too slow loses something at every tick: said once a second, counted in any case.
-            if self.monitor.may_complain(&format!("gap in {service}"), now) {
-                let (key, after_tick, before_tick) = (keys::telemetry(service), Some(before), lap.tick);
-                self.tell(Severity::Warning, EventKind::NotRecorded { key, messages: gap, after_tick, before_tick });
-            }
-        }
+        let before = run.last;
+        self.tell_gaps(missing, Some(before), lap.tick, now);
         // What came too late is older than this one: labels keep their order.
         self.write_late(now, false);
         self.write(&lap, now);
@@ -146,13 +136,13 @@ impl Vehicle {
         }
         let digests: Vec<u64> = lap.parts.iter().flatten().filter_map(|part| part.digest).collect();
         match <[u64; RING.len()]>::try_from(digests) {
-            Ok(digests) if run.digest_whole && tick.k == run.ticks => {
+            Ok(digests) if !run.digest_broken && tick.k == run.ticks => {
                 run.digest.fold(tick, digests);
             }
-            _ => run.digest_whole = false,
+            _ => run.digest_broken = true,
         }
         run.ticks += 1;
-        run.last = tick;
+        run.last = tick.k;
         if run.lock_step {
             self.receipts.give(&run.id, tick.k, now);
         }
@@ -164,10 +154,6 @@ impl Vehicle {
         let Some(recording) = &mut run.recording else { return };
         let missing = run.assembler.missing;
         let late_telemetry = run.assembler.take_late(now, flush);
-        let gaps: Vec<(&str, u64)> = (0..RING.len())
-            .map(|i| (RING[i], run.assembler.missing[i] - missing[i]))
-            .filter(|(_, gap)| *gap > 0)
-            .collect();
         let until = late_telemetry.iter().map(|(_, tick, _)| *tick).max().unwrap_or_default();
         for (service, k, part) in late_telemetry {
             let tick = Tick { k, dt_s: run.dt_s };
@@ -175,13 +161,7 @@ impl Vehicle {
             self.monitor.refused += write_signals(&part, &mut self.registry, &mut run.widths, recording);
             write_step_account(RING[service], &part, tick, recording);
         }
-        for (service, gap) in gaps {
-            if self.monitor.may_complain(&format!("gap in {service}"), now) {
-                let (key, before_tick) = (keys::telemetry(service), until);
-                let gap = EventKind::NotRecorded { key, messages: gap, after_tick: None, before_tick };
-                self.tell(Severity::Warning, gap);
-            }
-        }
+        self.tell_gaps(missing, None, until, now);
     }
 
     /// Hands events, states and exact messages on, as soon as their run is known.
@@ -195,7 +175,7 @@ impl Vehicle {
             }
         }
         for (path, clocks, words) in self.states.drain(..) {
-            recording.text(&path, run.last, clocks, &words);
+            recording.text(&path, Tick { k: run.last, dt_s: run.dt_s }, clocks, &words);
         }
         for message in self.wires.drain(..) {
             if message.run.is_empty() || message.run == run.id {
@@ -225,7 +205,7 @@ impl Vehicle {
                 results.insert(format!("missing.{service}"), run.assembler.missing[i].into());
                 results.insert(format!("thinned.{service}"), run.assembler.thinned[i].into());
             }
-            if run.digest_whole && run.ticks > 0 {
+            if !run.digest_broken && run.ticks > 0 {
                 results.insert("hash".to_owned(), run.digest.to_string().into());
             }
             if let Some(recording) = &mut run.recording {
@@ -307,7 +287,7 @@ fn write_step_account(service: &str, part: &ServiceTelemetry, tick: Tick, record
 
 /// In lock step a tick is only seen when its exact messages are there as well.
 fn wires_are_there(run: &Run) -> bool {
-    let next = run.assembler.next().unwrap_or(0);
+    let next = run.assembler.next.unwrap_or(0);
     [Measurements::KEY, Nav::KEY, Reference::KEY, Thrust::KEY]
         .iter()
         .all(|key| run.wire_seen.get(*key).is_some_and(|(_, seq)| *seq > next))
