@@ -2,6 +2,7 @@
 
 use crate::OperationError;
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 use supertwin_core::run::Properties;
 use supertwin_core::{Tick, Wired};
@@ -51,18 +52,20 @@ pub struct PlacementOptions {
     pub faults: Option<FaultRates>,
     /// Lock step: how long the others are waited for.
     pub patience: Duration,
-    /// Lock step: the run's hash is wanted at its end.
-    pub keep_digests: bool,
-    /// Services join the network again by themselves.
-    pub rejoins: bool,
+    /// All services run in this process: in lock step the run's hash is wanted at its end, and nobody joins again.
+    pub one_process: bool,
 }
 
 /// What all services of one call have in common.
 pub struct Placement {
     trial: ResolvedTrial,
     options: PlacementOptions,
-    ticks: Option<u64>,
-    run: String,
+    /// Ticks of the run; `None`: until it is stopped.
+    pub ticks: Option<u64>,
+    /// Name of the run.
+    pub run: String,
+    /// Real time or lock step.
+    pub pace: Pace,
     seed: u64,
     parts: Parts,
     blocks: Blocks,
@@ -100,31 +103,13 @@ impl Placement {
         let mission = Mission::new(if options.mission { &trial.trial.mission } else { &[] }, dt_s);
         let parts = Parts::of(&mission).map_err(|cause| OperationError::at(&trial.path, &cause))?;
         let run = options.run.clone().unwrap_or_else(|| format!("{}-{}", trial.name, unique()));
-        Ok(Self { blocks: Blocks::new(&trial, seed)?, options, ticks, run, seed, parts, trial })
-    }
-
-    /// Name of the run.
-    #[must_use]
-    pub fn run(&self) -> &str {
-        &self.run
+        let (pace, blocks) = (options.pace, Blocks::new(&trial, seed)?);
+        Ok(Self { trial, options, ticks, run, pace, seed, parts, blocks })
     }
 
     /// Length of a tick in simulated seconds.
-    #[must_use]
-    pub fn tick_s(&self) -> f64 {
+    fn tick_s(&self) -> f64 {
         self.trial.trial.tick_s.get()
-    }
-
-    /// Real time or lock step.
-    #[must_use]
-    pub fn pace(&self) -> Pace {
-        self.options.pace
-    }
-
-    /// Ticks of the run; `None`: until it is stopped.
-    #[must_use]
-    pub fn ticks(&self) -> Option<u64> {
-        self.ticks
     }
 
     /// Name of the vehicle on the network: the one asked for, else the trial's.
@@ -135,64 +120,55 @@ impl Placement {
 
     /// What recordings keep of this configuration.
     fn about(&self) -> Properties {
-        let placement = if self.options.pace == Pace::LockStep { "lockstep" } else { "realtime" };
+        let placement = if self.pace == Pace::LockStep { "lockstep" } else { "realtime" };
         let mut about = supertwin_lab::run::properties(&self.trial, self.seed, placement, &provenance());
         match self.ticks {
-            Some(ticks) => about.insert("duration_s".to_owned(), (ticks as f64 * self.trial.trial.tick_s.get()).into()),
+            Some(ticks) => about.insert("duration_s".to_owned(), (ticks as f64 * self.tick_s()).into()),
             // Until it is stopped.
             None => about.remove("duration_s"),
         };
         about
     }
 
-    /// Puts a service on the network, into `engine`.
+    /// Puts services on the network; the engine that drives them ends when `stop` is set and `mailbox` woken.
     ///
     /// # Errors
-    /// A key of the service can't be declared.
+    /// A key of a service can't be declared.
     pub fn host(
         &self,
-        service: HostedService,
+        services: &[HostedService],
         session: &Session,
         mailbox: &Arc<Mailbox>,
         clock: &Arc<dyn Clock>,
-        engine: &mut Engine,
-    ) -> Result<(), LinkError> {
-        let index = engine.next_index();
-        let blocks = self.blocks.clone();
-        let host: Box<dyn Hosted> = match service {
-            HostedService::Plant => {
-                self.open(session, blocks.plant, self.parts.plant.clone(), mailbox, index, clock)?
-            }
-            HostedService::Estimator => {
-                self.open(session, blocks.estimator, self.parts.estimator.clone(), mailbox, index, clock)?
-            }
-            HostedService::Guidance => {
-                self.open(session, blocks.guidance, self.parts.guidance.clone(), mailbox, index, clock)?
-            }
-            HostedService::Controller => {
-                self.open(session, blocks.controller, self.parts.controller.clone(), mailbox, index, clock)?
-            }
-            // The vehicle has its own faults: those of a mission are the plant's.
-            HostedService::Shadow => self.open(session, blocks.shadow(), Vec::new(), mailbox, index, clock)?,
-        };
-        engine.add(host);
-        Ok(())
+        stop: &Arc<AtomicBool>,
+    ) -> Result<Engine, LinkError> {
+        let mut engine = Engine::new(Arc::clone(mailbox), Arc::clone(clock), Arc::clone(stop), self.tick_s());
+        for service in services {
+            let (blocks, parts) = (self.blocks.clone(), self.parts.clone());
+            let at = (session, mailbox, engine.next_index(), clock);
+            engine.add(match service {
+                HostedService::Plant => self.open(at, blocks.plant, parts.plant)?,
+                HostedService::Estimator => self.open(at, blocks.estimator, parts.estimator)?,
+                HostedService::Guidance => self.open(at, blocks.guidance, parts.guidance)?,
+                HostedService::Controller => self.open(at, blocks.controller, parts.controller)?,
+                // The vehicle has its own faults: those of a mission are the plant's.
+                HostedService::Shadow => self.open(at, blocks.shadow(), Vec::new())?,
+            });
+        }
+        Ok(engine)
     }
 
     fn open<B: Wired + 'static>(
         &self,
-        session: &Session,
+        (session, mailbox, index, clock): (&Session, &Arc<Mailbox>, usize, &Arc<dyn Clock>),
         block: B,
         mission: Vec<(u64, B::Command)>,
-        mailbox: &Arc<Mailbox>,
-        index: usize,
-        clock: &Arc<dyn Clock>,
     ) -> Result<Box<dyn Hosted>, LinkError> {
         let options = HostOptions {
             run: self.run.clone(),
             instance: unique(),
-            pace: self.options.pace,
-            tick_s: self.trial.trial.tick_s.get(),
+            pace: self.pace,
+            tick_s: self.tick_s(),
             ticks: self.ticks,
             about: self.about(),
             telemetry_every: self.options.telemetry_every,
@@ -204,8 +180,8 @@ impl Placement {
             takes_setpoints: B::NAME == "guidance",
             witnesses: self.options.witnesses.clone(),
             faults: self.options.faults,
-            rejoins: self.options.rejoins,
-            keep_digests: self.options.keep_digests,
+            rejoins: !self.options.one_process,
+            keep_digests: self.options.one_process && self.pace == Pace::LockStep,
         };
         Ok(Box::new(Host::open(session, block, options, mailbox, index, Arc::clone(clock))?))
     }

@@ -1,7 +1,7 @@
 //! Whom a router lets in: not everybody by mistake, by which rules, and who was turned away.
 
 use crate::OperationError;
-use serde_json::{Value, json};
+use serde_json::json;
 use std::sync::Arc;
 use supertwin_core::{EventKind, Severity, Tick};
 use supertwin_protocol::{Clock, keys};
@@ -12,7 +12,7 @@ use supertwin_zenoh::{Link, LinkError, ServicePublisher, Session, access_control
 #[derive(Clone, Debug)]
 pub struct RouterAccess {
     /// Hash of its rules; `None`: whoever reaches it may do everything.
-    rules: Option<String>,
+    pub rules: Option<String>,
     /// The vehicle that its settings name.
     vehicle: Option<String>,
     /// What should be known of its settings.
@@ -50,12 +50,6 @@ impl RouterAccess {
             Some(hash) => format!("access rules {hash}"),
             None => "no access rules: whoever reaches it may do everything".to_owned(),
         }
-    }
-
-    /// The same for programs: their hash, or nothing.
-    #[must_use]
-    pub fn json(&self) -> Value {
-        json!(self.rules)
     }
 
     /// Tells who comes and who is turned away: with a sentence and whether it is a refusal, and as events of the router

@@ -132,27 +132,14 @@ pub(crate) enum Service {
 }
 
 impl Service {
-    /// Its name in keys.
-    pub(crate) fn name(self) -> &'static str {
+    /// The block that it hosts, and its name in keys; router and recorder host none.
+    pub(crate) fn hosted(self) -> Option<(HostedService, &'static str)> {
         match self {
-            Self::Plant => "plant",
-            Self::Estimator => "estimator",
-            Self::Guidance => "guidance",
-            Self::Controller => "controller",
-            Self::Shadow => "shadow",
-            Self::Router => "router",
-            Self::Recorder => "recorder",
-        }
-    }
-
-    /// The block that it hosts; router and recorder have none.
-    pub(crate) fn hosted(self) -> Option<HostedService> {
-        match self {
-            Self::Plant => Some(HostedService::Plant),
-            Self::Estimator => Some(HostedService::Estimator),
-            Self::Guidance => Some(HostedService::Guidance),
-            Self::Controller => Some(HostedService::Controller),
-            Self::Shadow => Some(HostedService::Shadow),
+            Self::Plant => Some((HostedService::Plant, "plant")),
+            Self::Estimator => Some((HostedService::Estimator, "estimator")),
+            Self::Guidance => Some((HostedService::Guidance, "guidance")),
+            Self::Controller => Some((HostedService::Controller, "controller")),
+            Self::Shadow => Some((HostedService::Shadow, "shadow")),
             Self::Router | Self::Recorder => None,
         }
     }
@@ -245,8 +232,7 @@ impl PlacementArguments {
                 seed: self.fault_seed,
             }),
             patience: Duration::from_secs_f64(self.patience),
-            keep_digests: false,
-            rejoins: true,
+            one_process: false,
         }
     }
 }

@@ -12,7 +12,7 @@ use std::process::ExitCode;
 use supertwin_lab::{Library, Override};
 use verbs::{
     check, compare, dashboard, doctor, echo, export, get, hz, list, pki, record, repair, replay, run, schema, serve,
-    set, show, sweep, top, verify, zenoh_config,
+    set, show, sweep, top, up, verify, zenoh_config,
 };
 
 /// Digital twin of an underwater vehicle that inspects net pens: GSTA, adaptive GSTA and PID net following.
@@ -54,7 +54,7 @@ enum Verb {
     /// Run a campaign of seeds and parameters on all cores; one table, one report
     Sweep(sweep::SweepArguments),
     /// All four services in one process, on Zenoh, with the router inside
-    Up(serve::UpArguments),
+    Up(up::UpArguments),
     /// One service, or the router, in this process
     Serve(serve::ServeArguments),
     /// Record what flows on the network, and show it live
@@ -103,7 +103,7 @@ fn main() -> ExitCode {
     let done = match &cli.verb {
         Verb::Run(arguments) => run::run(arguments, &library),
         Verb::Sweep(arguments) => sweep::sweep(arguments, &library),
-        Verb::Up(arguments) => serve::up(arguments, &library),
+        Verb::Up(arguments) => up::up(arguments, &library),
         Verb::Serve(arguments) => serve::serve(arguments, &library),
         Verb::Record(arguments) => record::record(&arguments.recording, &arguments.link, arguments.json, &library),
         Verb::ZenohConfig(arguments) => zenoh_config::zenoh_config(arguments),

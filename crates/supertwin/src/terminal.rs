@@ -38,6 +38,11 @@ pub(crate) fn print_json(value: &impl Serialize) -> Result<(), OperationError> {
     Ok(())
 }
 
+/// Prints a result: as one line of JSON, or the text for people.
+pub(crate) fn print_result(json: bool, value: &serde_json::Value, text: impl FnOnce() -> String) {
+    print(&if json { value.to_string() } else { text() });
+}
+
 /// Says what went wrong and gives the exit status.
 pub(crate) fn report(error: &OperationError) -> ExitCode {
     warn(&format!("error: {error}"));
@@ -47,6 +52,11 @@ pub(crate) fn report(error: &OperationError) -> ExitCode {
         | OperationError::Unmet(_) => ExitCode::from(1),
         _ => ExitCode::from(2),
     }
+}
+
+/// `1 run`, `2 runs`.
+pub(crate) fn count(n: usize, one: &str, several: &str) -> String {
+    format!("{n} {}", if n == 1 { one } else { several })
 }
 
 /// A bar on a terminal, nothing in a pipe.
