@@ -48,7 +48,6 @@ pub mod router_access;
 pub mod run;
 mod save;
 pub mod service_board;
-mod stopwatch;
 pub mod sweep;
 pub mod verify;
 pub mod zenoh_settings;
@@ -56,5 +55,15 @@ pub mod zenoh_settings;
 pub use error::OperationError;
 pub use network::NetworkClient;
 pub use progress::Progress;
+use save::entries;
 pub use save::save;
-pub use stopwatch::Stopwatch;
+
+/// At most `longest` characters of a text, with an ellipsis for the rest.
+#[must_use]
+pub fn shortened(text: &str, longest: usize) -> String {
+    if text.chars().count() <= longest {
+        text.to_owned()
+    } else {
+        text.chars().take(longest - 1).chain(['…']).collect()
+    }
+}

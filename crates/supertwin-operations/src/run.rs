@@ -1,7 +1,7 @@
 //! Trials × controllers × seeds in this process, recorded and scored.
 
 use crate::placement::provenance;
-use crate::{OperationError, Progress, Stopwatch};
+use crate::{OperationError, Progress};
 use rayon::prelude::*;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -10,6 +10,7 @@ use supertwin_core::observe::Both;
 use supertwin_core::{Event, NoSink, RunSink};
 use supertwin_lab::run::run_name;
 use supertwin_lab::{ResolvedTrial, RunError, RunOutcome, Scores};
+use supertwin_protocol::{Clock as _, SystemClock};
 use supertwin_rerun::{Live, Options, RerunSink};
 
 /// What is run, and what is kept.
@@ -116,16 +117,13 @@ pub fn run(
     }
     let sink = Options { overwrite: options.force, compress: options.compress, ..Options::default() };
     progress.begin(&format!("{} runs", jobs.len()), jobs.iter().map(|job| job.trial.ticks()).sum());
-    let clock = Stopwatch::start();
-    let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(options.jobs)
-        .build()
-        .map_err(|cause| OperationError::Option(format!("threads: {cause}")))?;
+    let clock = SystemClock::start();
+    let pool = pool(options.jobs)?;
     let results: Vec<Result<Option<FinishedRun>, OperationError>> =
         pool.install(|| jobs.par_iter().map(|job| one(job, &sink, live, stop, progress)).collect());
     progress.end();
     let mut finished =
-        Finished { runs: Vec::new(), failures: Vec::new(), planned: jobs.len(), wall_s: clock.elapsed_s() };
+        Finished { runs: Vec::new(), failures: Vec::new(), planned: jobs.len(), wall_s: clock.now().as_secs_f64() };
     for result in results {
         match result {
             Ok(run) => finished.runs.extend(run),
@@ -189,24 +187,18 @@ fn one(
         return Ok(None);
     }
     let name = run_name(&job.trial, job.seed);
-    let clock = Stopwatch::start();
-    let outcome = match &job.recording {
-        Some(path) => {
-            RerunSink::create(path, options.clone()).map_err(RunError::from).and_then(|mut sink| match live {
-                None => watched(job, &mut sink, true, stop, progress),
-                Some(live) => {
-                    let mut view = RerunSink::live(live, LIVE_BATCH);
-                    watched(job, &mut Both(&mut sink, &mut view), true, stop, progress)
-                }
-            })
+    let clock = SystemClock::start();
+    let run = || {
+        let mut file = job.recording.as_ref().map(|path| RerunSink::create(path, options.clone())).transpose()?;
+        let mut view = live.map(|live| RerunSink::live(live, LIVE_BATCH));
+        match (&mut file, &mut view) {
+            (None, None) => watched(&job.trial, job.seed, &mut NoSink, false, stop, progress),
+            (Some(sink), None) | (None, Some(sink)) => watched(&job.trial, job.seed, sink, true, stop, progress),
+            (Some(file), Some(view)) => watched(&job.trial, job.seed, &mut Both(file, view), true, stop, progress),
         }
-        None => match live {
-            None => watched(job, &mut NoSink, false, stop, progress),
-            Some(live) => watched(job, &mut RerunSink::live(live, LIVE_BATCH), true, stop, progress),
-        },
     };
-    let outcome = outcome.map_err(|cause| OperationError::Run { name, cause })?;
-    let wall_s = clock.elapsed_s();
+    let outcome = run().map_err(|cause| OperationError::Run { name, cause })?;
+    let wall_s = clock.now().as_secs_f64();
     let simulated_s = outcome.ticks as f64 * job.trial.trial.tick_s.get();
     Ok(Some(FinishedRun {
         trial: job.trial.name.clone(),
@@ -226,8 +218,10 @@ fn one(
     }))
 }
 
-fn watched<S: RunSink>(
-    job: &Job,
+/// One run into `sink`, with its ticks as progress; ends early when `stop` is set.
+pub(crate) fn watched<S: RunSink>(
+    trial: &ResolvedTrial,
+    seed: u64,
     sink: &mut S,
     recording: bool,
     stop: &AtomicBool,
@@ -235,11 +229,17 @@ fn watched<S: RunSink>(
 ) -> Result<RunOutcome, RunError> {
     let provenance = provenance();
     let mut shown = 0;
-    let outcome = supertwin_lab::run(&job.trial, job.seed, sink, recording.then_some(&provenance), |ticks| {
+    let outcome = supertwin_lab::run(trial, seed, sink, recording.then_some(&provenance), |ticks| {
         progress.advance(ticks - shown);
         shown = ticks;
         !stop.load(Ordering::Relaxed)
     });
-    progress.advance(job.trial.ticks() - shown);
+    progress.advance(trial.ticks() - shown);
     outcome
+}
+
+/// Threads for so many runs at the same time; 0: one per core.
+pub(crate) fn pool(jobs: usize) -> Result<rayon::ThreadPool, OperationError> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(jobs).build();
+    pool.map_err(|cause| OperationError::Option(format!("threads: {cause}")))
 }

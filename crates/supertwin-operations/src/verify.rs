@@ -1,18 +1,18 @@
 //! The same bits in one process, in separate processes, and over a bad link.
 
-use crate::{OperationError, Progress, Stopwatch};
+use crate::{OperationError, Progress};
 use serde::Serialize;
 use std::io::{BufRead, BufReader, Read};
 use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
+use supertwin_core::Tick;
 use supertwin_core::digest::{DigestProbe, RunDigest};
 use supertwin_core::observe::Snapshot;
-use supertwin_core::{Observe, Tick};
 use supertwin_lab::mission::Mission;
 use supertwin_lab::{ResolvedTrial, Twin};
-use supertwin_protocol::{FaultRates, Shape, SystemClock, keys};
+use supertwin_protocol::{Clock as _, FaultRates, Shape, SystemClock, keys};
 use supertwin_zenoh::witness::{Lap, RING};
 use supertwin_zenoh::{Link, Mailbox, WitnessOptions, close, unique, witness};
 
@@ -55,16 +55,7 @@ pub struct FirstDifference {
     pub there: String,
 }
 
-/// A process that is needed.
-#[derive(Debug)]
-pub enum Process<'a> {
-    /// A router on a free port of this machine; it prints a line of JSON with its endpoints under `listening`.
-    Router,
-    /// A host of one service of the ring.
-    Service(ServiceProcess<'a>),
-}
-
-/// A service of one trial, in lock step.
+/// A process that hosts a service of one trial, in lock step.
 #[derive(Debug)]
 pub struct ServiceProcess<'a> {
     /// Which of the four.
@@ -87,8 +78,9 @@ pub struct VerifyOptions<'a> {
     pub duration_s: f64,
     /// A router that is there already.
     pub router: Option<String>,
-    /// The command that starts a process; the plant must wait for [`WITNESS`].
-    pub command: &'a dyn Fn(&Process<'_>) -> Command,
+    /// The command that starts the process of a service, of which the plant must wait for [`WITNESS`]; or, for `None`, a
+    /// router on a free port of this machine, that prints a line of JSON with its endpoints under `listening`.
+    pub command: &'a dyn Fn(Option<&ServiceProcess<'_>>) -> Command,
 }
 
 /// Runs each trial in one process, in four, and in four over a bad link; three results for each, in this order. Ends
@@ -154,10 +146,10 @@ impl<'a> Reference<'a> {
 }
 
 fn in_one_process(trial: &ResolvedTrial, ticks: u64) -> Result<PlacementCheck, OperationError> {
-    let stopwatch = Stopwatch::start();
+    let clock = SystemClock::start();
     let mut reference = Reference::new(trial)?;
     let done = (0..ticks).take_while(|k| reference.step(*k)).count() as u64;
-    let wall_s = stopwatch.elapsed_s();
+    let wall_s = clock.now().as_secs_f64();
     Ok(PlacementCheck {
         trial: trial.name.clone(),
         placement: "one process",
@@ -184,7 +176,7 @@ impl Job<'_> {
         let mut processes = Processes::default();
         let endpoint = match &self.options.router {
             Some(endpoint) => endpoint.clone(),
-            None => processes.router((self.options.command)(&Process::Router))?,
+            None => processes.router((self.options.command)(None))?,
         };
         // Every run has a namespace of its own: a stranger on the same router can't disturb it.
         let vehicle = format!("verify-{}", unique());
@@ -200,7 +192,7 @@ impl Job<'_> {
             let (endpoint, vehicle) = (endpoint.as_str(), vehicle.as_str());
             let (trial, duration_s, faults) = (self.trial, self.options.duration_s, self.faults);
             let process = ServiceProcess { service, endpoint, vehicle, trial, duration_s, faults };
-            processes.start(service, (self.options.command)(&Process::Service(process)))?;
+            processes.start(service, (self.options.command)(Some(&process)))?;
         }
         let mut reference = Reference::new(self.trial)?;
         let mut digest = RunDigest::default();
@@ -217,7 +209,7 @@ impl Job<'_> {
         let clock = SystemClock::start();
         let (mut done, mut began) = (0, None);
         let looked = witness(&session, &options, &clock, &mailbox, stop, |k, lap| {
-            began.get_or_insert_with(Stopwatch::start);
+            began.get_or_insert_with(SystemClock::start);
             let there = digests(lap);
             digest.fold(Tick { k, dt_s: self.trial.trial.tick_s.get() }, there);
             done = k + 1;
@@ -230,12 +222,11 @@ impl Job<'_> {
             false
         });
         progress.end();
-        let wall_s = began.map_or(0.0, Stopwatch::elapsed_s);
-        let mut error = looked.err().map(|error| error.to_string());
-        if error.is_some() {
-            let said = processes.last_words();
-            error = error.map(|error| if said.is_empty() { error } else { format!("{error}\n{said}") });
-        }
+        let wall_s = began.map_or(0.0, |began| began.now().as_secs_f64());
+        let error = looked.err().map(|error| match processes.last_words() {
+            said if said.is_empty() => error.to_string(),
+            said => format!("{error}\n{said}"),
+        });
         close(&session);
         Ok(PlacementCheck {
             trial: self.trial.name.clone(),
@@ -255,19 +246,19 @@ impl Job<'_> {
 struct Processes(Vec<(&'static str, Child)>);
 
 impl Processes {
-    fn start(&mut self, name: &'static str, mut command: Command) -> Result<&mut Child, OperationError> {
+    fn start(&mut self, name: &'static str, mut command: Command) -> Result<(), OperationError> {
         let wrong = |cause: std::io::Error| OperationError::Option(format!("{name} can't be started: {cause}"));
         let child =
             command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().map_err(wrong)?;
         self.0.push((name, child));
-        self.0.last_mut().map(|(_, child)| child).ok_or_else(|| OperationError::Option("no process".to_owned()))
+        Ok(())
     }
 
     /// Starts a router and returns where it listens.
     fn router(&mut self, command: Command) -> Result<String, OperationError> {
-        let child = self.start("router", command)?;
+        self.start("router", command)?;
         let mut line = String::new();
-        if let Some(stdout) = child.stdout.as_mut() {
+        if let Some(stdout) = self.0.last_mut().and_then(|(_, child)| child.stdout.as_mut()) {
             // A router that dies says nothing, and that is found below.
             let _ = BufReader::new(stdout).read_line(&mut line);
         }
@@ -310,7 +301,7 @@ fn digests(lap: &Lap<'_>) -> [u64; 4] {
 
 /// The first signal, in the order of the ring, that is not the same bit for bit.
 fn first_difference(k: u64, twin: &Twin, lap: &Lap<'_>) -> FirstDifference {
-    let here = Snapshot::of(&Shown(twin));
+    let here = Snapshot::of(twin);
     for (service, sample) in RING.iter().zip(lap) {
         for (path, there) in &sample.data.signals {
             let differs = match there {
@@ -321,13 +312,9 @@ fn first_difference(k: u64, twin: &Twin, lap: &Lap<'_>) -> FirstDifference {
                 Shape::Label(label) => !here.labels.iter().any(|(signal, value)| signal.path == path && value == label),
             };
             if differs {
-                return FirstDifference {
-                    tick: k,
-                    service: (*service).to_owned(),
-                    signal: path.clone(),
-                    here: here.named(path).map_or_else(|| "another label, or none".to_owned(), |v| format!("{v:?}")),
-                    there: format!("{there:?}"),
-                };
+                let (service, signal, there) = ((*service).to_owned(), path.clone(), format!("{there:?}"));
+                let here = here.named(path).map_or_else(|| "another label, or none".to_owned(), |v| format!("{v:?}"));
+                return FirstDifference { tick: k, service, signal, here, there };
             }
         }
     }
@@ -335,11 +322,4 @@ fn first_difference(k: u64, twin: &Twin, lap: &Lap<'_>) -> FirstDifference {
     let service = services.map(|(_, name)| name).collect::<Vec<_>>().join(", ");
     let signal = "a signal that is shown here and not there".to_owned();
     FirstDifference { tick: k, service, signal, here: String::new(), there: String::new() }
-}
-
-struct Shown<'a>(&'a Twin);
-impl Observe for Shown<'_> {
-    fn observe<P: supertwin_core::Probe>(&self, probe: &mut P) {
-        self.0.observe(probe);
-    }
 }

@@ -1,6 +1,6 @@
 //! Which recordings are meant: files, folders and patterns, each recording once.
 
-use crate::OperationError;
+use crate::{OperationError, entries};
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use supertwin_rerun::read::first_part;
@@ -46,8 +46,7 @@ fn meant(run: &Path) -> Result<Vec<PathBuf>, OperationError> {
     let wrong = |cause: String| OperationError::at(run, &cause);
     let text = run.to_string_lossy();
     let found = if run.is_dir() {
-        let entries = run.read_dir().map_err(|cause| wrong(cause.to_string()))?;
-        entries.flatten().map(|entry| entry.path()).filter(|path| is_recording(path)).collect()
+        entries(run, is_recording)?
     } else if !run.exists() && text.contains(['*', '?', '[']) {
         let paths = glob::glob(&text).map_err(|cause| wrong(cause.to_string()))?;
         paths.flatten().filter(|path| path.is_file()).collect()

@@ -1,8 +1,8 @@
 //! From files to evaluated runs: what each is, where its window lies, its metrics; all cores read.
 
-use super::Unusable;
 use super::files::Files;
-use super::run_group::{self, Facts, Member, RunGroup};
+use super::run_group::{self, Facts, RunGroup};
+use super::{CompareOptions, Run, Unusable};
 use crate::error::without_prefix;
 use crate::{OperationError, Progress};
 use rayon::prelude::*;
@@ -18,15 +18,6 @@ use supertwin_rerun::{ReadError, Recording, read_selected};
 const LEAST_COVERAGE: f64 = 0.9;
 /// Shows where a recording ends that does not say how long its run was to be.
 const SHORT_SIGNAL: &str = supertwin_core::signal::reference::SETPOINT.path;
-
-/// What is wanted of every run.
-pub(super) struct Ask<'a> {
-    pub(super) align: &'a Alignment,
-    /// `None`: each run is looked at where its own trial scores it.
-    pub(super) window: Option<WindowArgument>,
-    pub(super) selection: &'a Selection,
-    pub(super) each: bool,
-}
 
 /// What was found.
 pub(super) struct Gathered {
@@ -53,10 +44,15 @@ struct Found {
 }
 
 /// Reads and evaluates all of them.
-pub(super) fn gather(files: &Files, ask: &Ask<'_>, progress: &dyn Progress) -> Result<Gathered, OperationError> {
+pub(super) fn gather(
+    files: &Files,
+    options: &CompareOptions,
+    selection: &Selection,
+    progress: &dyn Progress,
+) -> Result<Gathered, OperationError> {
     progress.begin("recordings", 2 * files.paths.len() as u64);
     let mut warnings = Vec::new();
-    let (found, mut unusable) = look_at_all(files, ask, progress, &mut warnings);
+    let (found, mut unusable) = look_at_all(files, &options.align, progress, &mut warnings);
     if let Some(baseline) = &files.baseline
         && !found.iter().any(|run| files.is_baseline(&run.file))
     {
@@ -68,7 +64,7 @@ pub(super) fn gather(files: &Files, ask: &Ask<'_>, progress: &dyn Progress) -> R
     }
     let found = of_one_vehicle(found, files, &mut unusable);
     let found = without_doubles(found, &mut warnings);
-    let common = common(&found, ask.window.unwrap_or_default());
+    let common = common(&found, options.window.unwrap_or_default());
     let (Some(tick_s), Some(common)) = (coarsest(&found), common) else {
         unusable.extend(found.into_iter().map(|run| Unusable {
             reason: format!("nothing of it is in the window: it ends {:.2} s from time zero", run.window.to_s),
@@ -76,22 +72,22 @@ pub(super) fn gather(files: &Files, ask: &Ask<'_>, progress: &dyn Progress) -> R
         }));
         return Err(nothing("none of these runs can be compared", &unusable));
     };
-    let evaluated = evaluate_all(found, common, tick_s, ask, progress, &mut unusable);
+    let evaluated = evaluate_all(found, common, tick_s, options, selection, progress, &mut unusable);
     progress.end();
     warnings.extend(evaluated.iter().flat_map(|(run, evaluated)| restrictions(run, evaluated, tick_s)));
-    let groups = grouped(evaluated, files, ask.each, &unusable)?;
+    let groups = grouped(evaluated, files, options.each, &unusable)?;
     Ok(Gathered { groups, unusable, warnings, tick_s })
 }
 
 /// What every recording is, and what can't be used.
 fn look_at_all(
     files: &Files,
-    ask: &Ask<'_>,
+    align: &Alignment,
     progress: &dyn Progress,
     warnings: &mut Vec<String>,
 ) -> (Vec<Found>, Vec<Unusable>) {
     let look = |path: &PathBuf| {
-        let found = look(path, ask);
+        let found = look(path, align);
         progress.advance(1);
         found.map_err(|reason| Unusable { file: path.clone(), reason })
     };
@@ -113,14 +109,15 @@ fn evaluate_all(
     found: Vec<Found>,
     common: Window,
     tick_s: f64,
-    ask: &Ask<'_>,
+    options: &CompareOptions,
+    selection: &Selection,
     progress: &dyn Progress,
     unusable: &mut Vec<Unusable>,
 ) -> Vec<(Found, Evaluated)> {
-    let own = ask.window.is_none() && *ask.align == Alignment::Start;
+    let own = options.window.is_none() && options.align == Alignment::Start;
     let evaluate = |run: Found| {
         let window = if own { run.window } else { common };
-        let evaluated = look_closer(&run, window, tick_s, ask.selection);
+        let evaluated = look_closer(&run, window, tick_s, selection);
         progress.advance(1);
         match evaluated {
             Ok(evaluated) => Ok((Found { window, ..run }, evaluated)),
@@ -157,16 +154,18 @@ fn grouped(
     for (run, Evaluated { values, moments, missing }) in evaluated {
         let is_baseline = files.is_baseline(&run.file);
         let zero_s = run.origin as f64 * run.tick_s;
-        let (seed, window) = (run.seed, run.window);
-        let member = Member { file: run.file, name: run.name, seed, window, values, moments, missing, zero_s };
-        let at = groups.iter().position(|group| !each && group.facts == run.facts).unwrap_or_else(|| {
-            groups.push(RunGroup { name: String::new(), facts: run.facts, runs: Vec::new() });
+        let Found { file, name, facts, seed, window, .. } = run;
+        // Its group is named, and limits are put to it, when all are known.
+        let (group, judged, outcome) = (String::new(), Vec::new(), None);
+        let run = Run { file, name, group, seed, window, moments, missing, zero_s, values, judged, outcome };
+        let at = groups.iter().position(|group| !each && group.facts == facts).unwrap_or_else(|| {
+            groups.push(RunGroup { name: String::new(), facts, runs: Vec::new() });
             groups.len() - 1
         });
         if is_baseline && baseline.is_none() {
             baseline = Some(at);
         }
-        groups[at].runs.push(member);
+        groups[at].runs.push(run);
     }
     if groups.is_empty() {
         return Err(nothing("none of these runs can be compared", unusable));
@@ -194,8 +193,8 @@ fn read(path: &Path, wanted: &dyn Fn(&str) -> bool) -> Result<Recording, String>
 }
 
 /// What a recording is; `None` when it is several runs side by side.
-fn look(path: &Path, ask: &Ask<'_>) -> Result<Option<Found>, String> {
-    let recording = match read_selected(path, &|path| ask.align.is_needed(path)) {
+fn look(path: &Path, align: &Alignment) -> Result<Option<Found>, String> {
+    let recording = match read_selected(path, &|path| align.is_needed(path)) {
         Err(ReadError::Comparison { .. }) => return Ok(None),
         other => other.map_err(|error| without_prefix(&path.display().to_string(), &error))?,
     };
@@ -216,7 +215,7 @@ fn look(path: &Path, ask: &Ask<'_>) -> Result<Option<Found>, String> {
     }
     let facts = Facts::new(run)?;
     let tick_s = number("tick_s").filter(|tick_s| *tick_s > 0.0).ok_or("property tick_s is not there")?;
-    let origin = ask.align.find(&recording)?;
+    let origin = align.find(&recording)?;
     let zero_s = origin as f64 * tick_s;
     let ends_s = match number("duration_s") {
         Some(duration_s) => duration_s,
@@ -225,7 +224,7 @@ fn look(path: &Path, ask: &Ask<'_>) -> Result<Option<Found>, String> {
             signal.last_tick().map_or(0.0, |last| (last + 1) as f64 * tick_s)
         }
     };
-    let from_s = if *ask.align == Alignment::Start { number("score_from_s").unwrap_or(0.0) } else { 0.0 };
+    let from_s = if *align == Alignment::Start { number("score_from_s").unwrap_or(0.0) } else { 0.0 };
     let mut warnings: Vec<String> = recording.damage.iter().take(2).map(|damage| damage.problem.clone()).collect();
     if result.get("complete") == Some(&Property::Integer(0)) {
         warnings.push("the run was stopped before its end".to_owned());

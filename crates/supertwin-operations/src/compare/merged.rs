@@ -1,27 +1,14 @@
 //! The compared runs side by side in one recording, with the scores beside the curves.
 
 use super::{Comparison, GroupReport, changes_text};
-use crate::OperationError;
 use std::collections::BTreeSet;
-use std::path::Path;
 use supertwin_lab::metrics::{Metric, Selection};
 use supertwin_lab::statistics::Better;
 use supertwin_rerun::merge::{self, Cell, ScoreRow, Scores};
-use supertwin_rerun::{Merge, MergeError, Merged, MergedRun};
+use supertwin_rerun::{Merge, MergeError, MergedRun};
 
-/// Writes the merged recording to `path`; replaces a file only with `force`.
-pub(super) fn write(
-    comparison: &Comparison,
-    shown: &Selection,
-    path: &Path,
-    force: bool,
-) -> Result<Merged, OperationError> {
-    plan(comparison, shown)
-        .and_then(|merge| merge::merge(&merge, path, force))
-        .map_err(|error| OperationError::at(path, &error))
-}
-
-fn plan(comparison: &Comparison, shown: &Selection) -> Result<Merge, MergeError> {
+/// What the merged recording is made of.
+pub(super) fn plan(comparison: &Comparison, shown: &Selection) -> Result<Merge, MergeError> {
     let place = |name: &str| comparison.groups.iter().position(|group| group.name == name);
     let baseline = place(&comparison.baseline).unwrap_or(0);
     let mut runs = Vec::with_capacity(comparison.runs.len());

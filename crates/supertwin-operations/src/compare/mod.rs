@@ -21,7 +21,7 @@ use supertwin_lab::Library;
 use supertwin_lab::align::{Alignment, Window, WindowArgument};
 use supertwin_lab::limits::{Judged, Limits, Outcome, worst};
 use supertwin_lab::metrics::Selection;
-use supertwin_rerun::Merged;
+use supertwin_rerun::{Merged, merge};
 
 /// What is compared, and how.
 #[derive(Clone, Debug)]
@@ -146,8 +146,7 @@ pub fn compare(
         }
     }
     let files = files::find(&options.runs, options.baseline.as_deref())?;
-    let ask = gather::Ask { align: &options.align, window: options.window, selection: &selection, each: options.each };
-    let gathered = gather::gather(&files, &ask, progress)?;
+    let gathered = gather::gather(&files, options, &selection, progress)?;
     Ok(compared(gathered, &options.align, shown, selection, limits.as_ref()))
 }
 
@@ -157,7 +156,8 @@ impl Comparison {
     /// # Errors
     /// The file can't be written, or is there and `force` is not given.
     pub fn write_table(&self, path: &Path, force: bool) -> Result<(), OperationError> {
-        table::write(self, &self.selection, path, force)
+        let table = table::table(self, &self.selection).and_then(|table| table.write(path, force));
+        table.map_err(|error| OperationError::at(path, &error))
     }
 
     /// Writes the runs side by side into one recording.
@@ -165,7 +165,8 @@ impl Comparison {
     /// # Errors
     /// A recording can't be read, or the file can't be written, or is there and `force` is not given.
     pub fn write_recording(&mut self, path: &Path, force: bool) -> Result<Merged, OperationError> {
-        let merged = merged::write(self, &self.shown, path, force)?;
+        let merged = merged::plan(self, &self.shown).and_then(|plan| merge(&plan, path, force));
+        let merged = merged.map_err(|error| OperationError::at(path, &error))?;
         let empty = merged.empty.iter().map(|name| format!("{name}: nothing of it is in the merged recording"));
         self.warnings.extend(empty);
         Ok(merged)
@@ -211,32 +212,24 @@ fn compared(
         let unknown = named.filter(|name| groups.iter().all(|group| group.name != **name));
         warnings.extend(unknown.map(|group| format!("{name}: group {group:?} is not among these runs")));
     }
-    let runs = groups.into_iter().flat_map(|RunGroup { name, runs, .. }| {
-        runs.into_iter().map(move |run| {
-            let judged = limits.map(|(_, limits)| limits.judge(&name, &run.values)).unwrap_or_default();
-            // A run that no limit concerns has not passed.
-            let outcome = limits.map(|_| if judged.is_empty() { Outcome::Invalid } else { worst(&judged) });
-            Run {
-                file: run.file,
-                name: run.name,
-                group: name.clone(),
-                seed: run.seed,
-                window: run.window,
-                moments: run.moments,
-                missing: run.missing,
-                zero_s: run.zero_s,
-                values: run.values,
-                judged,
-                outcome,
+    let mut runs = Vec::new();
+    for RunGroup { name, runs: members, .. } in groups {
+        for mut run in members {
+            if let Some((_, limits)) = limits {
+                run.judged = limits.judge(&name, &run.values);
+                // A run that no limit concerns has not passed.
+                run.outcome = Some(if run.judged.is_empty() { Outcome::Invalid } else { worst(&run.judged) });
             }
-        })
-    });
+            run.group.clone_from(&name);
+            runs.push(run);
+        }
+    }
     Comparison {
         align: align.to_string(),
         tick_s,
         baseline,
         groups: reports,
-        runs: runs.collect(),
+        runs,
         unusable,
         warnings,
         verdicts,

@@ -1,12 +1,11 @@
 //! Runs of one configuration, and how configurations differ.
 
+use super::Run;
 use crate::run::title;
+use crate::shortened;
 use serde::Serialize;
-use std::collections::BTreeMap;
-use std::path::PathBuf;
 use supertwin_core::Property;
 use supertwin_core::run::Properties;
-use supertwin_lab::align::Window;
 use supertwin_lab::paper::PaperColumn;
 use toml::{Table, Value};
 
@@ -25,26 +24,12 @@ pub(super) struct Facts {
     config: Table,
 }
 
-/// A run of a group.
-#[derive(Debug)]
-pub(super) struct Member {
-    pub(super) file: PathBuf,
-    pub(super) name: String,
-    pub(super) seed: Option<u64>,
-    pub(super) window: Window,
-    pub(super) values: BTreeMap<String, f64>,
-    pub(super) moments: u64,
-    pub(super) missing: u64,
-    /// Time zero, from the start of the run.
-    pub(super) zero_s: f64,
-}
-
 /// Runs that only differ in their seeds.
 #[derive(Debug)]
 pub(super) struct RunGroup {
     pub(super) name: String,
     pub(super) facts: Facts,
-    pub(super) runs: Vec<Member>,
+    pub(super) runs: Vec<Run>,
 }
 
 /// A value that is not the same.
@@ -142,7 +127,7 @@ pub(super) fn changes(baseline: &Facts, here: &Facts) -> Vec<Change> {
         ("git_commit", &baseline.git_commit, &here.git_commit),
     ] {
         if before != after {
-            let [baseline, here] = [before, after].map(|text| Some(shortened(text)));
+            let [baseline, here] = [before, after].map(|text| Some(one_line(text)));
             changes.push(Change { path: path.to_owned(), baseline, here });
         }
     }
@@ -182,8 +167,8 @@ fn short_text(value: &Value) -> String {
             let n = leaves(table);
             format!("{n} value{}", if n == 1 { "" } else { "s" })
         }
-        Value::String(text) => shortened(text),
-        other => shortened(&other.to_string()),
+        Value::String(text) => one_line(text),
+        other => one_line(&other.to_string()),
     }
 }
 
@@ -191,12 +176,8 @@ fn leaves(table: &Table) -> usize {
     table.values().map(|value| if let Value::Table(inner) = value { leaves(inner) } else { 1 }).sum()
 }
 
-fn shortened(text: &str) -> String {
-    let line = text.split_whitespace().collect::<Vec<_>>().join(" ");
-    if line.chars().count() <= LONGEST {
-        return line;
-    }
-    line.chars().take(LONGEST - 1).chain(['…']).collect()
+fn one_line(text: &str) -> String {
+    shortened(&text.split_whitespace().collect::<Vec<_>>().join(" "), LONGEST)
 }
 
 #[cfg(test)]

@@ -1,24 +1,10 @@
 //! The comparison as a Parquet table: a row per run, a column per metric.
 
 use super::{Comparison, Run};
-use crate::OperationError;
-use std::path::Path;
 use supertwin_lab::metrics::Selection;
 use supertwin_rerun::table::{Column, Table, TableError};
 
-/// Writes the table to `path`; replaces a file only with `force`.
-pub(super) fn write(
-    comparison: &Comparison,
-    selection: &Selection,
-    path: &Path,
-    force: bool,
-) -> Result<(), OperationError> {
-    table(comparison, selection)
-        .and_then(|table| table.write(path, force))
-        .map_err(|error| OperationError::at(path, &error))
-}
-
-fn table(comparison: &Comparison, selection: &Selection) -> Result<Table, TableError> {
+pub(super) fn table(comparison: &Comparison, selection: &Selection) -> Result<Table, TableError> {
     let mut table = Table::default();
     for (name, text) in [("align", comparison.align.clone()), ("baseline", comparison.baseline.clone())] {
         table.about.insert(name.to_owned(), text);

@@ -33,7 +33,8 @@ pub enum Diagnosis<'a> {
 
 /// Collects findings, and hands them on as they come.
 pub struct Doctor<'a> {
-    found: Vec<Finding>,
+    /// All findings in the order in which they were made.
+    pub found: Vec<Finding>,
     tell: &'a mut dyn FnMut(Diagnosis<'_>),
 }
 
@@ -43,21 +44,13 @@ impl<'a> Doctor<'a> {
         Self { found: Vec::new(), tell }
     }
 
-    /// All findings in the order in which they were made.
-    #[must_use]
-    pub fn found(self) -> Vec<Finding> {
-        self.found
-    }
-
     fn add(&mut self, finding: Finding) {
         (self.tell)(Diagnosis::Finding(&finding));
         self.found.push(finding);
     }
 
     fn extend(&mut self, findings: Vec<Finding>) {
-        for finding in findings {
-            self.add(finding);
-        }
+        findings.into_iter().for_each(|finding| self.add(finding));
     }
 
     /// Looks at the settings of `link`; what a client of the router that they mean needs, unless they are wrong.
@@ -173,9 +166,9 @@ fn healths(
     let mut healths: BTreeMap<String, (Health, Health)> = BTreeMap::new();
     while wanted > 0
         && (healths.len() < wanted || healths.values().any(|(first, last)| first.clock_ns == last.clock_ns))
-        && let Some(heard) = network.inbox.next(Some(end))
+        && let Some(message) = network.inbox.next(Some(end))
     {
-        if let Ok(health) = serde_json::from_slice::<Health>(&heard.payload) {
+        if let Ok(health) = serde_json::from_slice::<Health>(&message.payload) {
             healths
                 .entry(health.source.clone())
                 .and_modify(|(_, last)| last.clone_from(&health))

@@ -1,7 +1,7 @@
 //! The doctor's proof of access control: each role whose credentials are at hand tries what it may and may not.
 
 use super::Diagnosis;
-use crate::{NetworkClient, OperationError, Progress};
+use crate::{NetworkClient, OperationError, Progress, entries};
 use std::path::{Path, PathBuf};
 use supertwin_pki::{self as pki, Credentials};
 use supertwin_protocol::role::Role;
@@ -58,14 +58,7 @@ pub fn holders(place: &Path) -> Result<Vec<Holder>, OperationError> {
     if let Some(holder) = one(place) {
         return Ok(vec![holder]);
     }
-    let mut folders: Vec<PathBuf> = std::fs::read_dir(place)
-        .map_err(|cause| OperationError::at(place, &cause))?
-        .flatten()
-        .map(|entry| entry.path())
-        .filter(|path| path.is_dir())
-        .collect();
-    folders.sort();
-    let found: Vec<Holder> = folders.iter().filter_map(|path| one(path)).collect();
+    let found: Vec<Holder> = entries(place, Path::is_dir)?.iter().filter_map(|path| one(path)).collect();
     if found.is_empty() {
         // In its own words, why it is none.
         Credentials::find(place)?;

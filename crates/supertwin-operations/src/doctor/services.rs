@@ -33,26 +33,19 @@ pub(super) fn services(vehicle: &str, instances: &BTreeMap<&str, Vec<&str>>) -> 
 pub(super) fn access<'a>(services: impl Iterator<Item = (&'a str, bool, bool)>) -> Vec<Finding> {
     let mut found = Vec::new();
     for (service, heard, answers) in services {
-        let remedy = |key: &str| {
-            format!(
-                "let this client read supertwin/*/{key} in the router's access_control; if it may, the service hangs"
-            )
+        let (what, key) = match (heard, answers) {
+            (true, true) => continue,
+            (false, true) => ("answers, but its health isn't heard".to_owned(), "health/**"),
+            (true, false) => (format!("is heard, but nobody answers state/{service}/now"), "state/**"),
+            (false, false) => (
+                "is alive, but neither health nor state of it can be read".to_owned(),
+                "health/** and supertwin/*/state/**",
+            ),
         };
-        match (heard, answers) {
-            (true, true) => {}
-            (false, true) => {
-                let what = format!("{service} answers, but its health isn't heard");
-                found.push(wrong("access", what, remedy("health/**")));
-            }
-            (true, false) => {
-                let what = format!("{service} is heard, but nobody answers state/{service}/now");
-                found.push(wrong("access", what, remedy("state/**")));
-            }
-            (false, false) => {
-                let what = format!("{service} is alive, but neither health nor state of it can be read");
-                found.push(wrong("access", what, remedy("health/** and supertwin/*/state/**")));
-            }
-        }
+        let remedy = format!(
+            "let this client read supertwin/*/{key} in the router's access_control; if it may, the service hangs"
+        );
+        found.push(wrong("access", format!("{service} {what}"), remedy));
     }
     if found.is_empty() {
         found.push(ok("access", "health and state of all services can be read"));

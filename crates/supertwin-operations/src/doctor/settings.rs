@@ -62,18 +62,15 @@ fn unreadable(place: &str, path: &Path) -> Option<String> {
 
 /// Discovery and listeners.
 pub(super) fn exposed(settings: &Value) -> Vec<Finding> {
-    let mut found: Vec<Finding> = session::exposures(settings)
-        .into_iter()
-        .map(|text| {
-            if text.contains("discovery") {
-                let remedy = "remove it: strangers on the same network would be joined with the vehicle";
-                wrong("discovery", text, remedy)
-            } else {
-                let remedy = "listen on tls/… with certificates, on loopback, or on a unix socket";
-                wrong("listeners", text, remedy)
-            }
-        })
-        .collect();
+    let exposure = |text: String| {
+        let (check, remedy) = if text.contains("discovery") {
+            ("discovery", "remove it: strangers on the same network would be joined with the vehicle")
+        } else {
+            ("listeners", "listen on tls/… with certificates, on loopback, or on a unix socket")
+        };
+        wrong(check, text, remedy)
+    };
+    let mut found: Vec<Finding> = session::exposures(settings).into_iter().map(exposure).collect();
     for (check, fine) in [("discovery", "off"), ("listeners", "none beyond this machine without TLS")] {
         if !found.iter().any(|finding| finding.check == check) {
             found.push(ok(check, fine));

@@ -51,6 +51,8 @@ pub(super) struct ConfigurationRuns<'a> {
     pub(super) trial: &'a str,
     pub(super) controller: &'a str,
     pub(super) grid: usize,
+    /// Controller and point of the grid: `agsta, hs = 0.3`
+    pub(super) label: String,
     /// Per parameter of the grid its value, if it concerns the controller.
     pub(super) values: Vec<Option<&'a toml::Value>>,
     /// By sample and seed.
@@ -61,22 +63,6 @@ impl ConfigurationRuns<'_> {
     pub(super) fn values(&self, score: &str) -> Vec<f64> {
         self.rows.values().filter_map(|row| row.scores.get(score).copied()).collect()
     }
-
-    /// `agsta, hs = 0.3`
-    pub(super) fn label(&self, parameters: &[&Parameter]) -> String {
-        let mut label = self.controller.to_owned();
-        for (parameter, value) in parameters.iter().zip(&self.values) {
-            if let Some(value) = value {
-                label += &format!(", {} = {}", last(&parameter.name), run_row::value_text(value));
-            }
-        }
-        label
-    }
-}
-
-/// The last word of a path.
-fn last(name: &str) -> &str {
-    name.rsplit('.').next().unwrap_or(name)
 }
 
 /// Parameters of the grid that change anything.
@@ -94,8 +80,13 @@ pub(super) fn groups<'a>(prepared: &'a Prepared, rows: &'a [RunRow]) -> Vec<Conf
         let one = &prepared.plan.configurations[planned.configuration];
         let (trial, controller) = (one.trial.name.as_str(), one.trial.controller_name.as_str());
         let place = *places.entry((trial, one.grid, controller)).or_insert_with(|| {
-            let values = grid.iter().map(|(i, _)| one.values[*i].as_ref()).collect();
-            groups.push(ConfigurationRuns { trial, controller, grid: one.grid, values, rows: BTreeMap::new() });
+            let values: Vec<_> = grid.iter().map(|(i, _)| one.values[*i].as_ref()).collect();
+            let mut label = controller.to_owned();
+            for ((_, parameter), value) in grid.iter().zip(&values) {
+                let name = parameter.name.rsplit('.').next().unwrap_or(&parameter.name);
+                label += &value.map_or_else(String::new, |value| format!(", {name} = {}", run_row::value_text(value)));
+            }
+            groups.push(ConfigurationRuns { trial, controller, grid: one.grid, label, values, rows: BTreeMap::new() });
             groups.len() - 1
         });
         groups[place].rows.insert((one.sample, planned.seed), row);

@@ -2,13 +2,13 @@
 
 use super::journal::Journal;
 use super::run_row::RunRow;
-use crate::placement::provenance;
+use crate::run::watched;
 use crate::{OperationError, Progress};
 use rayon::prelude::*;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
-use supertwin_core::{NoSink, RunSink};
+use supertwin_core::NoSink;
 use supertwin_lab::sweep::{KeepRecordings, Plan};
 use supertwin_lab::{ResolvedTrial, RunError, RunOutcome};
 use supertwin_rerun::{Options, RerunSink};
@@ -68,35 +68,24 @@ impl Campaign<'_> {
         let planned = &self.plan.runs[run];
         let trial = &self.plan.configurations[planned.configuration].trial;
         let place = format!("{RECORDINGS}/{}.rrd", planned.id);
-        let outcome = match self.keep_recordings {
-            KeepRecordings::All => self.recorded(trial, planned.seed, &place),
-            KeepRecordings::OnFail | KeepRecordings::None => self.watched(trial, planned.seed, &mut NoSink, false),
-        };
-        let mut row = match outcome {
-            Ok(outcome) if !outcome.complete => {
-                self.forget(&place);
-                return Ok(None);
-            }
+        let failed = |cause| OperationError::Run { name: planned.id.clone(), cause };
+        let mut recorded = self.keep_recordings == KeepRecordings::All;
+        let mut row = match self.run(trial, planned.seed, recorded.then_some(place.as_str())) {
+            Ok(outcome) if !outcome.complete => return Ok(self.forget(&place)),
             Ok(outcome) => {
                 let mut row = RunRow::complete(run, &planned.id, &outcome);
                 (self.judge)(&mut row);
                 row
             }
-            Err(RunError::Sink(error)) => {
-                return Err(OperationError::Run { name: planned.id.clone(), cause: RunError::Sink(error) });
-            }
+            Err(error @ RunError::Sink(_)) => return Err(failed(error)),
             Err(error) => RunRow::invalid(run, &planned.id, &error),
         };
         // A run repeats bit for bit: it is recorded once it is known to be worth it.
         if self.keep_recordings == KeepRecordings::OnFail && !row.verdict.is_well() {
-            match self.recorded(trial, planned.seed, &place) {
-                Err(RunError::Sink(error)) => {
-                    return Err(OperationError::Run { name: planned.id.clone(), cause: RunError::Sink(error) });
-                }
-                Ok(outcome) if !outcome.complete => {
-                    self.forget(&place);
-                    return Ok(None);
-                }
+            recorded = true;
+            match self.run(trial, planned.seed, Some(&place)) {
+                Ok(outcome) if !outcome.complete => return Ok(self.forget(&place)),
+                Err(error @ RunError::Sink(_)) => return Err(failed(error)),
                 _ => {}
             }
         }
@@ -104,41 +93,24 @@ impl Campaign<'_> {
         if row.ticks == 0 {
             self.forget(&place);
         }
-        let kept = self.keep_recordings == KeepRecordings::All
-            || self.keep_recordings == KeepRecordings::OnFail && !row.verdict.is_well();
-        row.recording = (kept && row.ticks > 0).then_some(place);
+        row.recording = (recorded && row.ticks > 0).then_some(place);
         Ok(Some(row))
     }
 
-    fn recorded(&self, trial: &ResolvedTrial, seed: u64, place: &str) -> Result<RunOutcome, RunError> {
+    /// One run, recorded if there is a place for its recording.
+    fn run(&self, trial: &ResolvedTrial, seed: u64, place: Option<&str>) -> Result<RunOutcome, RunError> {
+        let Some(place) = place else { return watched(trial, seed, &mut NoSink, false, self.stop, self.progress) };
         // What is there was left by a run that is not in the journal.
         let options = Options { overwrite: true, ..Options::default() };
         let mut sink = RerunSink::create(&self.folder.join(place), options)?;
-        self.watched(trial, seed, &mut sink, true)
+        watched(trial, seed, &mut sink, true, self.stop, self.progress)
     }
 
-    fn watched<S: RunSink>(
-        &self,
-        trial: &ResolvedTrial,
-        seed: u64,
-        sink: &mut S,
-        recording: bool,
-    ) -> Result<RunOutcome, RunError> {
-        let provenance = provenance();
-        let mut shown = 0;
-        let outcome = supertwin_lab::run(trial, seed, sink, recording.then_some(&provenance), |ticks| {
-            self.progress.advance(ticks - shown);
-            shown = ticks;
-            !self.stop.load(Ordering::Relaxed)
-        });
-        self.progress.advance(trial.ticks() - shown);
-        outcome
-    }
-
-    /// Removes the recording of a run that is not finished, if there is one.
-    fn forget(&self, place: &str) {
+    /// Removes the recording of a run that is not finished, if there is one; such a run has no row.
+    fn forget(&self, place: &str) -> Option<RunRow> {
         if self.keep_recordings != KeepRecordings::None {
             drop(std::fs::remove_file(self.folder.join(place)));
         }
+        None
     }
 }

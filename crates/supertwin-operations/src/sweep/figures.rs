@@ -51,17 +51,17 @@ pub(super) struct Series {
     pub(super) points: Vec<(f64, f64)>,
 }
 
-type Drawn = Result<(), String>;
+type Drawn<T = ()> = Result<T, Box<dyn std::error::Error>>;
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 
 /// Every run as a dot, the mean as a bar across, its interval as a thick line.
-pub(super) fn intervals(title: &str, panels: &[IntervalPanel]) -> Result<String, String> {
+pub(super) fn intervals(title: &str, panels: &[IntervalPanel]) -> Drawn<String> {
     let rows = panels.iter().map(|panel| panel.rows.len()).max().unwrap_or(0) as u32;
     sheet(title, &[], panels, 70 + 24 * rows.max(2), interval_panel)
 }
 
 /// A dot per run.
-pub(super) fn scatter(title: &str, panels: &[ScatterPanel]) -> Result<String, String> {
+pub(super) fn scatter(title: &str, panels: &[ScatterPanel]) -> Drawn<String> {
     let mut legend: Vec<(&str, usize)> = Vec::new();
     for series in panels.iter().flat_map(|panel| &panel.series) {
         if !legend.contains(&(series.label.as_str(), series.colour)) {
@@ -78,21 +78,21 @@ fn sheet<P>(
     panels: &[P],
     height: u32,
     draw: impl Fn(&Area<'_>, &P) -> Drawn,
-) -> Result<String, String> {
+) -> Drawn<String> {
     let down = panels.len().div_ceil(ACROSS);
     let size = (PANEL_WIDTH * ACROSS as u32, 34 + LEGEND * u32::from(!legend.is_empty()) + height * down as u32);
     let mut svg = String::new();
     {
         let root = SVGBackend::with_string(&mut svg, size).into_drawing_area();
-        root.fill(&WHITE).map_err(|error| error.to_string())?;
-        let mut root = root.titled(title, (FONT, 18)).map_err(|error| error.to_string())?;
+        root.fill(&WHITE)?;
+        let mut root = root.titled(title, (FONT, 18))?;
         if !legend.is_empty() {
             let (strip, rest) = root.split_vertically(LEGEND);
             let mut x = 12;
             for (label, colour) in legend {
                 let dot = Circle::new((x, 8), 4, COLOURS[colour % COLOURS.len()].filled());
                 let text = Text::new((*label).to_owned(), (x + 10, 2), (FONT, 12));
-                strip.draw(&dot).and_then(|()| strip.draw(&text)).map_err(|error| error.to_string())?;
+                strip.draw(&dot).and_then(|()| strip.draw(&text))?;
                 x += 36 + 7 * label.chars().count() as i32;
             }
             root = rest;
@@ -100,13 +100,12 @@ fn sheet<P>(
         for (area, panel) in root.split_evenly((down, ACROSS)).iter().zip(panels) {
             draw(area, panel)?;
         }
-        root.present().map_err(|error| error.to_string())?;
+        root.present()?;
     }
     Ok(svg)
 }
 
 fn interval_panel(area: &Area<'_>, panel: &IntervalPanel) -> Drawn {
-    let wrong = |error: DrawingAreaErrorKind<_>| error.to_string();
     let ends = panel.rows.iter().flat_map(|row| row.interval.into_iter().flat_map(|(low, high)| [low, high]));
     let all = panel.rows.iter().flat_map(|row| row.values.iter().copied()).chain(ends);
     let (from, to) = range(all);
@@ -118,8 +117,7 @@ fn interval_panel(area: &Area<'_>, panel: &IntervalPanel) -> Drawn {
         .x_label_area_size(24)
         .y_label_area_size((12 + 7 * widest).min(PANEL_WIDTH / 2))
         // The first configuration is on top.
-        .build_cartesian_2d(from..to, (0..n).into_segmented())
-        .map_err(wrong)?;
+        .build_cartesian_2d(from..to, (0..n).into_segmented())?;
     let row = |y: &SegmentValue<i32>| match y {
         SegmentValue::CenterOf(i) => usize::try_from(n - 1 - i).ok().and_then(|i| panel.rows.get(i)),
         _ => None,
@@ -133,24 +131,22 @@ fn interval_panel(area: &Area<'_>, panel: &IntervalPanel) -> Drawn {
         .x_label_formatter(&|x| short(*x))
         .y_label_formatter(&|y| row(y).map(|row| row.label.clone()).unwrap_or_default())
         .label_style((FONT, 12))
-        .draw()
-        .map_err(wrong)?;
+        .draw()?;
     for (i, row) in panel.rows.iter().enumerate() {
         let y = SegmentValue::CenterOf(n - 1 - i as i32);
         let colour = COLOURS[row.colour % COLOURS.len()];
         let dots = row.values.iter().map(|x| Circle::new((*x, y.clone()), 3, colour.mix(0.25).filled()));
-        chart.draw_series(dots).map_err(wrong)?;
+        chart.draw_series(dots)?;
         if let Some((low, high)) = row.interval {
             let line = PathElement::new(vec![(low, y.clone()), (high, y.clone())], colour.stroke_width(5));
-            chart.draw_series([line]).map_err(wrong)?;
+            chart.draw_series([line])?;
         }
-        chart.draw_series([Circle::new((row.mean, y.clone()), 4, BLACK.filled())]).map_err(wrong)?;
+        chart.draw_series([Circle::new((row.mean, y.clone()), 4, BLACK.filled())])?;
     }
     Ok(())
 }
 
 fn scatter_panel(area: &Area<'_>, panel: &ScatterPanel) -> Drawn {
-    let wrong = |error: DrawingAreaErrorKind<_>| error.to_string();
     let points = || panel.series.iter().flat_map(|series| series.points.iter().copied());
     let (from, to) = range(points().map(|point| point.0));
     let (low, high) = range(points().map(|point| point.1));
@@ -159,8 +155,7 @@ fn scatter_panel(area: &Area<'_>, panel: &ScatterPanel) -> Drawn {
         .margin(6)
         .x_label_area_size(24)
         .y_label_area_size(48)
-        .build_cartesian_2d(from..to, low..high)
-        .map_err(wrong)?;
+        .build_cartesian_2d(from..to, low..high)?;
     chart
         .configure_mesh()
         .light_line_style(TRANSPARENT)
@@ -169,12 +164,11 @@ fn scatter_panel(area: &Area<'_>, panel: &ScatterPanel) -> Drawn {
         .x_label_formatter(&|x| short(*x))
         .y_label_formatter(&|y| short(*y))
         .label_style((FONT, 12))
-        .draw()
-        .map_err(wrong)?;
+        .draw()?;
     for series in &panel.series {
         let colour = COLOURS[series.colour % COLOURS.len()];
         let dots = series.points.iter().map(|point| Circle::new(*point, 3, colour.mix(0.5).filled()));
-        chart.draw_series(dots).map_err(wrong)?;
+        chart.draw_series(dots)?;
     }
     Ok(())
 }

@@ -2,7 +2,7 @@
 
 use super::run_row::{self, RunRow};
 use super::{Prepared, TABLE, program};
-use crate::OperationError;
+use crate::{OperationError, entries};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use supertwin_rerun::Table;
@@ -64,14 +64,10 @@ fn files(parts: &[PathBuf]) -> Result<Vec<PathBuf>, OperationError> {
             files.push(part.clone());
             continue;
         }
-        let wrong = |cause: String| OperationError::at(part, &cause);
-        let entries = std::fs::read_dir(part).map_err(|error| wrong(error.to_string()))?;
-        let mut found: Vec<PathBuf> =
-            entries.flatten().map(|entry| entry.path()).filter(|path| is_part(path)).collect();
+        let found = entries(part, is_part)?;
         if found.is_empty() {
-            return Err(wrong(format!("no {TABLE}.K-of-N.parquet there")));
+            return Err(OperationError::at(part, &format!("no {TABLE}.K-of-N.parquet there")));
         }
-        found.sort();
         files.extend(found);
     }
     Ok(files)

@@ -64,7 +64,7 @@ impl Journal {
         match lines.next() {
             None => {
                 dropped = 0;
-                journal.line(heading)?;
+                journal.add(heading)?;
             }
             Some(first) => {
                 let there: Heading = serde_json::from_slice(first)
@@ -83,17 +83,13 @@ impl Journal {
         Ok(Opened { journal, rows, dropped })
     }
 
-    /// Adds a finished run.
-    pub(crate) fn add(&mut self, row: &RunRow) -> Result<(), OperationError> {
-        self.line(row)
-    }
-
     /// Hands all lines to the disk.
     pub(crate) fn sync(&self) -> Result<(), OperationError> {
         self.file.sync_all().map_err(|error| self.wrong(&error))
     }
 
-    fn line(&mut self, content: &impl Serialize) -> Result<(), OperationError> {
+    /// Adds a line: the heading, or a finished run.
+    pub(crate) fn add(&mut self, content: &impl Serialize) -> Result<(), OperationError> {
         let mut line = serde_json::to_vec(content).map_err(|error| OperationError::at(&self.path, &error))?;
         line.push(b'\n');
         // One write: a kill leaves the whole line, or a beginning without a line break.

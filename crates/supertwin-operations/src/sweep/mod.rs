@@ -12,7 +12,8 @@ mod report;
 mod run_row;
 
 use crate::placement::provenance;
-use crate::{OperationError, Progress, Stopwatch};
+use crate::run::pool;
+use crate::{OperationError, Progress};
 pub use configuration_runs::Configured;
 use execute::Campaign;
 use journal::{Heading, Journal};
@@ -27,6 +28,7 @@ use supertwin_lab::limits::{Judged, Limits, Outcome, worst};
 use supertwin_lab::run::base_name;
 use supertwin_lab::sweep::{KeepRecordings, Plan, Sweep};
 use supertwin_lab::{ConfigError, Library, ResolvedTrial};
+use supertwin_protocol::{Clock as _, SystemClock};
 
 /// Which sweep, and what of it.
 #[derive(Clone, Debug)]
@@ -172,11 +174,6 @@ fn verdicts(rows: &[RunRow]) -> Vec<(&'static str, usize)> {
     RunVerdict::ALL.into_iter().map(count).filter(|(_, count)| *count > 0).collect()
 }
 
-fn pool(jobs: usize) -> Result<rayon::ThreadPool, OperationError> {
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(jobs).build();
-    pool.map_err(|cause| OperationError::Option(format!("threads: {cause}")))
-}
-
 /// Joins the tables of all parts into one, with the report.
 ///
 /// # Errors
@@ -222,7 +219,7 @@ pub fn sweep(
     let trial = |run: &usize| &prepared.plan.configurations[prepared.plan.runs[*run].configuration].trial;
     let stage = format!("{}: {} of {} runs", prepared.sweep.name, todo.len(), mine.len());
     progress.begin(&stage, todo.iter().map(|run| trial(run).ticks()).sum());
-    let clock = Stopwatch::start();
+    let clock = SystemClock::start();
     let campaign = Campaign {
         plan: &prepared.plan,
         keep_recordings: prepared.keep_recordings,
@@ -235,7 +232,7 @@ pub fn sweep(
     progress.end();
     let done = done?;
     let simulated_s: f64 = done.iter().map(|row| row.ticks as f64 * trial(&row.run).trial.tick_s.get()).sum();
-    let work = Work { before, done: done.len(), simulated_s, wall_s: clock.elapsed_s() };
+    let work = Work { before, done: done.len(), simulated_s, wall_s: clock.now().as_secs_f64() };
     opened.rows.extend(done.into_iter().map(|row| (row.run, row)));
     let rows: Vec<RunRow> = opened.rows.into_values().collect();
     let is_there = table.exists() && (shard != Shard::WHOLE || folder.join(report::FILE).exists());
@@ -255,16 +252,12 @@ impl Prepared {
             return Err(ConfigError::Combination { path: sweep.path.display().to_string(), message }.into());
         }
         let points = sweep.points()?;
-        let places: Vec<(usize, usize)> =
-            (0..sweep.trials.len()).flat_map(|trial| (0..points.len()).map(move |point| (trial, point))).collect();
-        let resolved: Vec<Result<Vec<ResolvedTrial>, ConfigError>> = places
-            .par_iter()
-            .map(|(trial, point)| sweep.resolve(library, &sweep.trials[*trial], &points[*point]))
-            .collect();
-        let mut of_trials: Vec<Vec<Vec<ResolvedTrial>>> = vec![Vec::new(); sweep.trials.len()];
-        for ((trial, _), resolved) in places.iter().zip(resolved) {
-            of_trials[*trial].push(resolved?);
-        }
+        let resolve = |trial: &String| points.par_iter().map(|point| sweep.resolve(library, trial, point)).collect();
+        let resolved: Vec<Vec<Result<Vec<ResolvedTrial>, ConfigError>>> =
+            sweep.trials.par_iter().map(resolve).collect();
+        // Of several errors the first in order, whoever was first to find one.
+        let of_trials: Vec<Vec<Vec<ResolvedTrial>>> =
+            resolved.into_iter().map(|points| points.into_iter().collect()).collect::<Result<_, ConfigError>>()?;
         let first: Vec<ResolvedTrial> =
             of_trials.iter().filter_map(|points| points.first()).flatten().cloned().collect();
         library.all_used(&first)?;
@@ -372,16 +365,15 @@ fn write(
     let path = shard.file(folder, TABLE, "parquet");
     let call = |error: supertwin_rerun::TableError| OperationError::Option(error.to_string());
     let mut table = run_row::table(&prepared.sweep, &prepared.plan, rows).map_err(call)?;
-    let mut about = BTreeMap::from([
-        ("supertwin.sweep", prepared.sweep.name.clone()),
-        ("supertwin.plan", prepared.fingerprint.clone()),
-        ("supertwin.program", program()),
-        ("supertwin.spec", prepared.sweep.text.clone()),
+    table.about = BTreeMap::from([
+        ("supertwin.sweep".to_owned(), prepared.sweep.name.clone()),
+        ("supertwin.plan".to_owned(), prepared.fingerprint.clone()),
+        ("supertwin.program".to_owned(), program()),
+        ("supertwin.spec".to_owned(), prepared.sweep.text.to_owned()),
     ]);
     if shard != Shard::WHOLE {
-        about.insert("supertwin.shard", shard.to_string());
+        table.about.insert("supertwin.shard".to_owned(), shard.to_string());
     }
-    table.about = about.into_iter().map(|(name, text)| (name.to_owned(), text)).collect();
     if shard == Shard::WHOLE && !overwrite {
         let report = folder.join(report::FILE);
         if report.exists() {

@@ -8,7 +8,7 @@ use super::run_row::{self, RunRow};
 use super::{Prepared, TABLE, program, verdicts};
 use crate::OperationError;
 use rayon::prelude::*;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::path::Path;
 use supertwin_lab::statistics::{self, Better, Difference, DifferenceVerdict, Interval};
 use supertwin_lab::sweep::{Parameter, rank_correlation};
@@ -28,18 +28,16 @@ const LISTED: usize = 50;
 pub(super) fn write(prepared: &Prepared, rows: &[RunRow], folder: &Path) -> Result<(), OperationError> {
     let figures = folder.join(FIGURES);
     std::fs::create_dir_all(&figures).map_err(|cause| OperationError::at(&figures, &cause))?;
-    let mut report = Report { text: String::new(), figures: BTreeMap::new() };
-    report.head(prepared, rows);
+    let mut report = Report { prepared, text: String::new(), figures: BTreeMap::new() };
+    report.head(rows);
     let groups = groups(prepared, rows);
-    let mut seen = BTreeSet::new();
-    for group in &groups {
-        if seen.insert(group.trial) {
-            let of_trial: Vec<&ConfigurationRuns<'_>> =
-                groups.iter().filter(|other| other.trial == group.trial).collect();
-            report.trial(prepared, group.trial, &of_trial).map_err(OperationError::Option)?;
-        }
+    for name in distinct(groups.iter().map(|group| group.trial)) {
+        let groups: Vec<&ConfigurationRuns<'_>> = groups.iter().filter(|group| group.trial == name).collect();
+        let controllers = distinct(groups.iter().map(|group| group.controller));
+        let told = report.trial(&Trial { name, groups, controllers });
+        told.map_err(|error| OperationError::Option(error.to_string()))?;
     }
-    report.rest(prepared, rows);
+    report.rest(rows);
     for (name, svg) in &report.figures {
         let path = figures.join(name);
         std::fs::write(&path, svg).map_err(|cause| OperationError::at(&path, &cause))?;
@@ -52,13 +50,28 @@ pub(super) fn write(prepared: &Prepared, rows: &[RunRow], folder: &Path) -> Resu
         .map_err(|cause| OperationError::at(&path, &cause))
 }
 
-struct Report {
+/// What a sweep did with one of its trials.
+struct Trial<'a> {
+    name: &'a str,
+    groups: Vec<&'a ConfigurationRuns<'a>>,
+    controllers: Vec<&'a str>,
+}
+
+impl Trial<'_> {
+    /// Index of a controller's colour in figures.
+    fn colour(&self, controller: &str) -> usize {
+        self.controllers.iter().position(|other| *other == controller).unwrap_or(0)
+    }
+}
+
+struct Report<'a> {
+    prepared: &'a Prepared,
     text: String,
     /// By file name.
     figures: BTreeMap<String, String>,
 }
 
-impl Report {
+impl Report<'_> {
     fn say(&mut self, paragraph: &str) {
         self.text += paragraph;
         self.text += "\n\n";
@@ -74,8 +87,8 @@ impl Report {
         self.figures.insert(file, svg);
     }
 
-    fn head(&mut self, prepared: &Prepared, rows: &[RunRow]) {
-        let sweep = &prepared.sweep;
+    fn head(&mut self, rows: &[RunRow]) {
+        let sweep = &self.prepared.sweep;
         self.say(&format!("# Sweep {}", sweep.name));
         self.say(sweep.description.trim());
         let verdicts: Vec<String> = verdicts(rows).into_iter().map(|(name, count)| format!("{count} {name}")).collect();
@@ -91,7 +104,7 @@ impl Report {
             verdicts.join(", "),
             sweep.trials.join(", "),
             program(),
-            &prepared.fingerprint[..16],
+            &self.prepared.fingerprint[..16],
         ));
         if !sweep.parameters.is_empty() {
             let rows = sweep.parameters.iter().map(|parameter| {
@@ -117,15 +130,13 @@ impl Report {
         ));
     }
 
-    fn trial(&mut self, prepared: &Prepared, trial: &str, groups: &[&ConfigurationRuns<'_>]) -> Result<(), String> {
-        let parameters: Vec<&Parameter> = grid(prepared).into_iter().map(|(_, parameter)| parameter).collect();
-        self.say(&format!("## {trial}"));
+    fn trial(&mut self, trial: &Trial<'_>) -> Result<(), Box<dyn std::error::Error>> {
+        let Trial { name, groups, .. } = trial;
+        self.say(&format!("## {name}"));
         let shown = &groups[..groups.len().min(SHOWN)];
         if shown.len() < groups.len() {
             self.say(&format!("The first {} of {} configurations; the table has all.", shown.len(), groups.len()));
         }
-        let controllers: Vec<&str> = distinct(groups.iter().map(|group| group.controller));
-        let colour = |name: &str| controllers.iter().position(|other| *other == name).unwrap_or(0);
         for chapter in chapters() {
             self.say(&format!("### {}", chapter.title));
             let estimates: Vec<Vec<Option<Estimate>>> = shown
@@ -135,7 +146,7 @@ impl Report {
             let mut header = vec!["mean [interval]".to_owned(), "runs".to_owned()];
             header.extend(chapter.scores.iter().map(|score| score.label.clone()));
             let rows = shown.iter().zip(&estimates).map(|(group, estimates)| {
-                let mut cells = vec![group.label(&parameters), group.rows.len().to_string()];
+                let mut cells = vec![group.label.clone(), group.rows.len().to_string()];
                 cells.extend(
                     estimates.iter().zip(&chapter.scores).map(|(estimate, score)| cell(estimate.as_ref(), score)),
                 );
@@ -150,8 +161,8 @@ impl Report {
                     .filter_map(|(group, estimates)| {
                         let estimate = estimates[i].as_ref()?;
                         Some(IntervalRow {
-                            label: group.label(&parameters),
-                            colour: colour(group.controller),
+                            label: group.label.clone(),
+                            colour: trial.colour(group.controller),
                             values: group.values(&score.metric.name),
                             mean: estimate.summary.mean,
                             interval: estimate.interval.map(|interval| (interval.low, interval.high)),
@@ -159,27 +170,24 @@ impl Report {
                     })
                     .collect(),
             });
-            let title = format!("{trial}: {}", chapter.title.to_lowercase());
+            let title = format!("{name}: {}", chapter.title.to_lowercase());
             let svg = figures::intervals(&title, &panels.collect::<Vec<_>>())?;
-            self.figure(&format!("{trial}-{}", chapter.short), &title, svg);
+            self.figure(&format!("{name}-{}", chapter.short), &title, svg);
         }
-        self.differences(prepared, groups, &controllers, &parameters);
-        self.best(prepared, groups, &parameters);
-        self.influence(prepared, trial, groups, &controllers, &colour)
+        self.differences(trial);
+        self.best(trial);
+        self.influence(trial)
     }
 
     /// Controllers against the baseline at the same point; and of each controller, points against the first one.
-    fn differences(
-        &mut self,
-        prepared: &Prepared,
-        groups: &[&ConfigurationRuns<'_>],
-        controllers: &[&str],
-        parameters: &[&Parameter],
-    ) {
-        let named = prepared.sweep.baseline.as_deref().filter(|name| controllers.contains(name));
+    fn differences(&mut self, trial: &Trial<'_>) {
+        let Trial { groups, controllers, .. } = trial;
+        let named = self.prepared.sweep.baseline.as_deref().filter(|name| controllers.contains(name));
         let Some(baseline) = named.or(controllers.first().copied()) else { return };
-        let of_baseline: Vec<&&ConfigurationRuns<'_>> =
-            groups.iter().filter(|group| group.controller == baseline).collect();
+        let of = |controller: &str| -> Vec<&ConfigurationRuns<'_>> {
+            groups.iter().copied().filter(|group| group.controller == controller).collect()
+        };
+        let of_baseline = of(baseline);
         if controllers.len() > 1 {
             self.say(&format!("### Against {baseline}"));
             self.say(
@@ -187,38 +195,32 @@ impl Report {
                  Less is better, for the bias what is nearer to none.",
             );
             for base in of_baseline.iter().take(COMPARED) {
-                let same_point = |group: &&&ConfigurationRuns<'_>| {
-                    let both = group.values.iter().zip(&base.values);
-                    let same = both.fold(true, |same, (a, b)| same && (a.is_none() || b.is_none() || a == b));
-                    group.controller != baseline && same
+                let same_point = |group: &&ConfigurationRuns<'_>| {
+                    let mut both = group.values.iter().zip(&base.values);
+                    group.controller != baseline && both.all(|(a, b)| a.is_none() || b.is_none() || a == b)
                 };
-                self.against(
-                    base,
-                    &groups.iter().copied().filter(|group| same_point(&group)).collect::<Vec<_>>(),
-                    parameters,
-                );
+                self.against(base, &groups.iter().copied().filter(same_point).collect::<Vec<_>>());
             }
             if of_baseline.len() > COMPARED {
                 self.say(&format!("The first {COMPARED} of {} grid points.", of_baseline.len()));
             }
         }
-        if parameters.is_empty() {
+        if grid(self.prepared).is_empty() {
             return;
         }
         for controller in controllers {
-            let mut own = groups.iter().copied().filter(|group| group.controller == *controller);
-            let Some(first) = own.next() else { continue };
-            let others: Vec<&ConfigurationRuns<'_>> = own.take(COMPARED).collect();
-            if !others.is_empty() {
+            if let [first, others @ ..] = of(controller).as_slice()
+                && !others.is_empty()
+            {
                 self.say(&format!("### {controller}, against its first point"));
-                self.against(first, &others, parameters);
+                self.against(first, &others[..others.len().min(COMPARED)]);
             }
         }
     }
 
-    fn against(&mut self, base: &ConfigurationRuns<'_>, others: &[&ConfigurationRuns<'_>], parameters: &[&Parameter]) {
-        let mut header = vec![format!("against {}", base.label(parameters))];
-        header.extend(others.iter().map(|group| group.label(parameters)));
+    fn against(&mut self, base: &ConfigurationRuns<'_>, others: &[&ConfigurationRuns<'_>]) {
+        let mut header = vec![format!("against {}", base.label)];
+        header.extend(others.iter().map(|group| group.label.clone()));
         let chapters = chapters();
         let scores: Vec<&Score> = chapters
             .iter()
@@ -240,22 +242,20 @@ impl Report {
     }
 
     /// Of groups of controllers, who has the least error, seed by seed.
-    fn best(&mut self, prepared: &Prepared, groups: &[&ConfigurationRuns<'_>], parameters: &[&Parameter]) {
-        let points: Vec<usize> = distinct(groups.iter().map(|group| group.grid));
-        for names in prepared.sweep.best_of.iter().filter(|names| names.len() > 1) {
+    fn best(&mut self, trial: &Trial<'_>) {
+        let points: Vec<usize> = distinct(trial.groups.iter().map(|group| group.grid));
+        for names in self.prepared.sweep.best_of.iter().filter(|names| names.len() > 1) {
             for point in points.iter().take(COMPARED) {
-                let members: Vec<&ConfigurationRuns<'_>> = names
-                    .iter()
-                    .filter_map(|name| groups.iter().find(|group| group.grid == *point && group.controller == name))
-                    .copied()
-                    .collect();
+                let member = |name: &String| {
+                    trial.groups.iter().copied().find(|group| group.grid == *point && group.controller == *name)
+                };
+                let members: Vec<&ConfigurationRuns<'_>> = names.iter().filter_map(member).collect();
                 if members.len() < names.len() {
                     continue;
                 }
                 self.say(&format!("### Best of {}", names.join(", ")));
                 if points.len() > 1 {
-                    let label = members[0].label(parameters);
-                    self.say(label.split_once(", ").map_or("", |(_, point)| point));
+                    self.say(members[0].label.split_once(", ").map_or("", |(_, point)| point));
                 }
                 let mut header = vec!["runs in which it is best".to_owned()];
                 header.extend(members.iter().map(|group| group.controller.to_owned()));
@@ -274,14 +274,9 @@ impl Report {
     }
 
     /// Scores over every parameter that is a number and takes several values.
-    fn influence(
-        &mut self,
-        prepared: &Prepared,
-        trial: &str,
-        groups: &[&ConfigurationRuns<'_>],
-        controllers: &[&str],
-        colour: &impl Fn(&str) -> usize,
-    ) -> Result<(), String> {
+    fn influence(&mut self, trial: &Trial<'_>) -> Result<(), Box<dyn std::error::Error>> {
+        let Trial { name, groups, controllers } = trial;
+        let prepared = self.prepared;
         let parameters: Vec<(usize, &Parameter)> = prepared
             .sweep
             .parameters
@@ -337,7 +332,7 @@ impl Report {
                         .iter()
                         .map(|controller| Series {
                             label: (*controller).to_owned(),
-                            colour: colour(controller),
+                            colour: trial.colour(controller),
                             points: points(*i, controller, &score.metric.name),
                         })
                         .filter(|series| !series.points.is_empty())
@@ -347,13 +342,13 @@ impl Report {
             if panels.iter().all(|panel| panel.series.is_empty()) {
                 continue;
             }
-            let title = format!("{trial}: measured errors over {}", parameter.name);
-            self.figure(&format!("{trial}-over-{}", parameter.name), &title, figures::scatter(&title, &panels)?);
+            let title = format!("{name}: measured errors over {}", parameter.name);
+            self.figure(&format!("{name}-over-{}", parameter.name), &title, figures::scatter(&title, &panels)?);
         }
         Ok(())
     }
 
-    fn rest(&mut self, prepared: &Prepared, rows: &[RunRow]) {
+    fn rest(&mut self, rows: &[RunRow]) {
         let wrong: Vec<&RunRow> = rows.iter().filter(|row| !row.verdict.is_well()).collect();
         if !wrong.is_empty() {
             self.say("## Runs that are invalid or fail");
@@ -367,7 +362,7 @@ impl Report {
             }
         }
         self.say("## The sweep's file");
-        self.say(&format!("```toml\n{}\n```", prepared.sweep.text.trim_end()));
+        self.say(&format!("```toml\n{}\n```", self.prepared.sweep.text.trim_end()));
         // One line break at the end.
         self.text.truncate(self.text.trim_end().len());
         self.text.push('\n');

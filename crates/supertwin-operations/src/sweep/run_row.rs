@@ -81,14 +81,12 @@ impl RunRow {
         Self {
             run,
             id: id.to_owned(),
-            verdict: RunVerdict::Complete,
-            error: None,
             hash: Some(outcome.digest.to_string()),
             ticks: outcome.ticks,
             warnings: outcome.warnings,
             refused: outcome.refused.len() as u64,
-            recording: None,
             scores: outcome.scores.properties().into_iter().filter_map(number).collect(),
+            ..Self::default()
         }
     }
 
