@@ -12,18 +12,21 @@ use supertwin_lab::trial::{
 use supertwin_lab::{ConfigError, Library};
 use toml::Table;
 
-/// Folders of the library, and the section each holds.
-const FOLDERS: &[(&str, &str)] = &[
-    ("trials", "trial"),
-    ("sweeps", "sweep"),
-    ("vehicles", "vehicle"),
-    ("environments", "environment"),
-    ("sensors", "sensors"),
-    ("estimators", "estimator"),
-    ("guidance", "guidance"),
-    ("safety", "safety"),
-    ("controllers", "controller"),
-    ("limits", "limits"),
+/// Reads the file of a name, and checks it.
+type Read = fn(&Library, &str) -> Result<Table, ConfigError>;
+
+/// Folders of the library, and how their files are read.
+const FOLDERS: [(&str, Read); 10] = [
+    ("trials", whole_trial),
+    ("sweeps", whole_sweep),
+    ("vehicles", |library, name| table(library, "vehicle", name, VehicleConfig::check)),
+    ("environments", |library, name| table(library, "environment", name, EnvironmentConfig::check)),
+    ("sensors", |library, name| table(library, "sensors", name, SensorsConfig::check)),
+    ("estimators", |library, name| table(library, "estimator", name, |_: &EstimatorConfig| Ok(()))),
+    ("guidance", |library, name| table(library, "guidance", name, GuidanceConfig::check)),
+    ("safety", |library, name| table(library, "safety", name, |_: &SafetyConfig| Ok(()))),
+    ("controllers", |library, name| table(library, "controller", name, |config: &ControllerConfig| config.law.check())),
+    ("limits", |library, name| table(library, "limits", name, Limits::check)),
 ];
 
 /// All configuration files of the library.
@@ -48,24 +51,14 @@ pub fn understand(file: &Path, library: &Library) -> Result<Table, ConfigError> 
         .ok()
         .and_then(|path| Some(path.parent()?.file_name()?.to_string_lossy().into_owned()))
         .unwrap_or_default();
-    let section = FOLDERS.iter().find(|(known, _)| *known == folder).map_or("trial", |(_, section)| section);
-    Ok(match section {
-        _ if bare => whole_trial(library, &name)?,
-        "sweep" => {
-            let sweep = Sweep::load(library, &name)?;
-            sweep.check(library)?;
-            supertwin_lab::config::parse(&name, &sweep.text)?
-        }
-        "vehicle" => table(library, section, &name, VehicleConfig::check)?,
-        "environment" => table(library, section, &name, EnvironmentConfig::check)?,
-        "sensors" => table(library, section, &name, SensorsConfig::check)?,
-        "estimator" => table(library, section, &name, |_: &EstimatorConfig| Ok(()))?,
-        "guidance" => table(library, section, &name, GuidanceConfig::check)?,
-        "safety" => table(library, section, &name, |_: &SafetyConfig| Ok(()))?,
-        "controller" => table(library, section, &name, |config: &ControllerConfig| config.law.check())?,
-        "limits" => table(library, section, &name, Limits::check)?,
-        _ => whole_trial(library, &name)?,
-    })
+    let read = FOLDERS.into_iter().find(|(known, _)| *known == folder && !bare);
+    read.map_or(whole_trial as Read, |(_, read)| read)(library, &name)
+}
+
+fn whole_sweep(library: &Library, name: &str) -> Result<Table, ConfigError> {
+    let sweep = Sweep::load(library, name)?;
+    sweep.check(library)?;
+    supertwin_lab::config::parse(name, &sweep.text)
 }
 
 fn whole_trial(library: &Library, name: &str) -> Result<Table, ConfigError> {

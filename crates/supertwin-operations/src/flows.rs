@@ -18,7 +18,8 @@ struct Stamp {
     seq: Option<u64>,
 }
 
-/// The account of one key.
+/// What was received of one key.
+#[derive(Default)]
 struct Flow {
     first: Duration,
     last: Duration,
@@ -27,41 +28,27 @@ struct Flow {
     squares_s2: f64,
     longest: Duration,
     writers: BTreeSet<String>,
-    ledger: Ledger,
-    numbered: bool,
+    /// Of messages with numbers.
+    ledger: Option<Ledger>,
 }
 
 impl Flow {
-    fn new() -> Self {
-        Self {
-            first: Duration::ZERO,
-            last: Duration::ZERO,
-            messages: 0,
-            bytes: 0,
-            squares_s2: 0.0,
-            longest: Duration::ZERO,
-            writers: BTreeSet::new(),
-            // A second writer that is heard within a second of the first is another, not its successor.
-            ledger: Ledger::new(Duration::from_secs(1)),
-            numbered: false,
-        }
-    }
-
-    fn enter(&mut self, heard: &Received) {
+    fn enter(&mut self, message: &Received) {
         if self.messages == 0 {
-            self.first = heard.at;
+            self.first = message.at;
         } else {
-            let interval = heard.at.saturating_sub(self.last);
+            let interval = message.at.saturating_sub(self.last);
             self.longest = self.longest.max(interval);
             self.squares_s2 += interval.as_secs_f64() * interval.as_secs_f64();
         }
-        self.last = heard.at;
+        self.last = message.at;
         self.messages += 1;
-        self.bytes += heard.payload.len() as u64;
-        if let Ok(stamp) = serde_json::from_slice::<Stamp>(&heard.payload) {
+        self.bytes += message.payload.len() as u64;
+        if let Ok(stamp) = serde_json::from_slice::<Stamp>(&message.payload) {
             if let Some(seq) = stamp.seq {
-                self.numbered = true;
-                self.ledger.enter(&stamp.source, seq, heard.at);
+                // A second writer that is heard within a second of the first is another, not its successor.
+                let ledger = self.ledger.get_or_insert_with(|| Ledger::new(Duration::from_secs(1)));
+                ledger.enter(&stamp.source, seq, message.at);
             }
             self.writers.insert(stamp.source);
         }
@@ -83,7 +70,7 @@ impl Flow {
     }
 
     fn counts(&self) -> Option<Counts> {
-        self.numbered.then_some(self.ledger.counts)
+        self.ledger.as_ref().map(|ledger| ledger.counts)
     }
 }
 
@@ -95,8 +82,8 @@ fn listen(network: &NetworkClient, for_s: f64, stage: &str, progress: &dyn Progr
     let end = network.after(for_s);
     while network.clock.now() < end && !network.stop.interrupted() {
         let slice = (network.clock.now() + Duration::from_millis(100)).min(end);
-        while let Some(heard) = network.inbox.next(Some(slice)) {
-            flows.entry(heard.key.clone()).or_insert_with(Flow::new).enter(&heard);
+        while let Some(message) = network.inbox.next(Some(slice)) {
+            flows.entry(message.key.clone()).or_default().enter(&message);
             if network.clock.now() >= slice {
                 break;
             }
@@ -233,7 +220,7 @@ pub fn rates(
     let flows = listen(network, for_s, &format!("listening to {key}"), progress);
     let listened_s = network.clock.now().saturating_sub(began).as_secs_f64();
     if flows.is_empty() && !network.stop.interrupted() {
-        return Err(nothing_heard(key, for_s));
+        return Err(nothing_received(key, for_s));
     }
     let rate = |(key, flow): (String, Flow)| KeyRate {
         key,
@@ -274,19 +261,20 @@ pub fn listen_with_history(
 fn history(network: &NetworkClient, end: Option<Duration>) -> VecDeque<Received> {
     let last = network.after(1.0).min(end.unwrap_or(Duration::MAX));
     let mut past = Vec::new();
-    while let Some(heard) = network.inbox.next(Some(network.after(if past.is_empty() { 1.0 } else { 0.15 }).min(last)))
+    while let Some(message) =
+        network.inbox.next(Some(network.after(if past.is_empty() { 1.0 } else { 0.15 }).min(last)))
     {
-        past.push(heard);
+        past.push(message);
     }
-    past.sort_by_key(|heard| {
-        serde_json::from_slice::<Value>(&heard.payload).ok().and_then(|value| value["clock_ns"].as_u64())
+    past.sort_by_key(|message| {
+        serde_json::from_slice::<Value>(&message.payload).ok().and_then(|value| value["clock_ns"].as_u64())
     });
     past.into()
 }
 
 /// Nobody has published on `key` for `for_s` seconds.
 #[must_use]
-pub fn nothing_heard(key: &str, for_s: f64) -> OperationError {
+pub fn nothing_received(key: &str, for_s: f64) -> OperationError {
     OperationError::Unmet(format!("{key}: nothing was heard in {for_s} s; `supertwin list` shows the keys that flow"))
 }
 
@@ -294,7 +282,7 @@ pub fn nothing_heard(key: &str, for_s: f64) -> OperationError {
 mod tests {
     use super::*;
 
-    fn heard(at_ms: u64, payload: &str) -> Received {
+    fn message(at_ms: u64, payload: &str) -> Received {
         Received {
             key: "supertwin/a/estimator/nav".to_owned(),
             payload: payload.as_bytes().to_vec(),
@@ -305,9 +293,9 @@ mod tests {
 
     #[test]
     fn a_flow_counts_rate_jitter_and_gaps() {
-        let mut flow = Flow::new();
+        let mut flow = Flow::default();
         for (at_ms, seq) in [(0, 1), (20, 2), (40, 3), (60, 3), (100, 6)] {
-            flow.enter(&heard(at_ms, &format!(r#"{{"source":"estimator-1","seq":{seq},"tick":0,"data":{{}}}}"#)));
+            flow.enter(&message(at_ms, &format!(r#"{{"source":"estimator-1","seq":{seq},"tick":0,"data":{{}}}}"#)));
         }
         assert_eq!(flow.rate_hz(), Some(40.0));
         let jitter_ms = flow.jitter_ms().expect("several");
@@ -315,8 +303,8 @@ mod tests {
         assert_eq!(flow.longest, Duration::from_millis(40));
         let counts = flow.counts().expect("numbered");
         assert_eq!((counts.missing, counts.duplicates), (2, 1));
-        let mut single = Flow::new();
-        single.enter(&heard(5, "not JSON"));
+        let mut single = Flow::default();
+        single.enter(&message(5, "not JSON"));
         assert_eq!((single.rate_hz(), single.jitter_ms(), single.counts()), (None, None, None));
     }
 }

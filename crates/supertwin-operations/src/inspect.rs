@@ -36,7 +36,7 @@ pub struct TickGap {
 }
 
 /// Recorded and recomputed scores.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Default, Serialize)]
 pub struct RecordedScores {
     /// The run left scores.
     pub recorded: bool,
@@ -78,38 +78,28 @@ pub fn inspect(recording: &Recording) -> Inspection {
 }
 
 fn signals(recording: &Recording) -> Vec<RecordedSignal> {
-    let mut lines = Vec::new();
-    let seconds = |nanos: Option<&i64>| nanos.map(|nanos| *nanos as f64 / 1e9);
-    for (path, columns) in &recording.signals {
-        lines.push(RecordedSignal {
-            path: path.clone(),
-            components: columns.names.clone(),
-            rows: columns.tick.len(),
-            rate_hz: rate(&columns.time_ns),
-            first_s: seconds(columns.time_ns.first()),
-            last_s: seconds(columns.time_ns.last()),
-            missing: missing(&columns.tick),
-        });
-    }
-    let texts = |path: String, rows: usize, first: Option<&i64>, last: Option<&i64>| RecordedSignal {
+    let seconds = |time_ns: &i64| *time_ns as f64 / 1e9;
+    // Without ticks: labels are recorded when they change, at no rate.
+    let line = |path: String, components: &[String], time_ns: &[i64], ticks: Option<&[i64]>| RecordedSignal {
         path,
-        components: Vec::new(),
-        rows,
-        rate_hz: None,
-        first_s: seconds(first),
-        last_s: seconds(last),
-        missing: None,
+        components: components.to_vec(),
+        rows: time_ns.len(),
+        rate_hz: ticks.and_then(|_| rate(time_ns)),
+        first_s: time_ns.first().map(seconds),
+        last_s: time_ns.last().map(seconds),
+        missing: ticks.and_then(missing),
     };
+    let mut lines = Vec::new();
+    for (path, columns) in &recording.signals {
+        lines.push(line(path.clone(), &columns.names, &columns.time_ns, Some(&columns.tick)));
+    }
     for (path, changes) in &recording.labels {
-        let (first, last) =
-            (changes.first().map(|change| &change.time_ns), changes.last().map(|change| &change.time_ns));
-        lines.push(texts(path.clone(), changes.len(), first, last));
+        let times: Vec<i64> = changes.iter().map(|change| change.time_ns).collect();
+        lines.push(line(path.clone(), &[], &times, None));
     }
     for (key, messages) in &recording.wires {
-        let ticks: Vec<i64> = messages.iter().map(|message| message.tick).collect();
-        let times: Vec<i64> = messages.iter().map(|message| message.time_ns).collect();
-        let line = texts(format!("wire/{key}"), messages.len(), times.first(), times.last());
-        lines.push(RecordedSignal { rate_hz: rate(&times), missing: missing(&ticks), ..line });
+        let (ticks, times): (Vec<i64>, Vec<i64>) = messages.iter().map(|one| (one.tick, one.time_ns)).unzip();
+        lines.push(line(format!("wire/{key}"), &[], &times, Some(&ticks)));
     }
     lines.sort_by(|a, b| a.path.cmp(&b.path));
     lines
@@ -155,10 +145,7 @@ fn scores(recording: &Recording) -> RecordedScores {
             let equal = recorded.then(|| again.iter().all(same));
             RecordedScores { recorded, recomputed: Some(scores), equal, ticks, missing_ticks: missing, problem: None }
         }
-        Err(error) => {
-            let problem = Some(error.to_string());
-            RecordedScores { recorded, recomputed: None, equal: None, ticks: 0, missing_ticks: 0, problem }
-        }
+        Err(error) => RecordedScores { recorded, problem: Some(error.to_string()), ..RecordedScores::default() },
     }
 }
 

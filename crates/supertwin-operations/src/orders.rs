@@ -33,12 +33,16 @@ const COMMANDS: [(&str, &str); 10] = [
 ];
 
 /// One pair of the command line.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Order {
-    said: String,
-    service: &'static str,
+    /// Name as it was written.
+    pub name: String,
+    /// The service that it is for.
+    pub service: &'static str,
+    #[serde(skip)]
     what: What,
-    value: Value,
+    /// Value that is asked for.
+    pub value: Value,
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -54,7 +58,7 @@ impl Order {
     /// There is no such name, or the value is broken JSON.
     pub fn read(name: &str, value: &str) -> Result<Self, OperationError> {
         let order =
-            |service: &'static str, what: What, value: Value| Ok(Self { said: name.to_owned(), service, what, value });
+            |service: &'static str, what: What, value: Value| Ok(Self { name: name.to_owned(), service, what, value });
         if name == "estimator" && value == "restart" {
             return order("estimator", What::Command("restart".to_owned()), Value::Null);
         }
@@ -102,12 +106,9 @@ fn read_value(name: &str, text: &str) -> Result<Value, OperationError> {
 /// What became of an order.
 #[derive(Clone, Debug, Serialize)]
 pub struct Outcome {
-    /// As it was written.
-    pub name: String,
-    /// The service that it is for.
-    pub service: &'static str,
-    /// Value that was asked for.
-    pub value: Value,
+    /// What was asked for.
+    #[serde(flatten)]
+    pub order: Order,
     /// `applied`, `scheduled`, `refused`, `unanswered`.
     pub status: &'static str,
     /// When it is to apply.
@@ -121,8 +122,6 @@ pub struct Outcome {
     pub reason: Option<String>,
     #[serde(skip)]
     seq: u64,
-    #[serde(skip)]
-    state: String,
 }
 
 /// What became of orders.
@@ -227,17 +226,7 @@ fn one(client: &mut Client, order: &Order, at_tick: Option<u64>) -> Result<Outco
         }
         Err(error) => return Err(error.into()),
     };
-    Ok(Outcome {
-        name: order.said.clone(),
-        service: order.service,
-        value: order.value.clone(),
-        status,
-        apply_tick,
-        applied_tick: None,
-        reason,
-        seq: client.seq,
-        state: order.state(),
-    })
+    Ok(Outcome { order: order.clone(), status, apply_tick, applied_tick: None, reason, seq: client.seq })
 }
 
 /// Until every scheduled command has applied, or been refused at its tick, or the time is over.
@@ -255,9 +244,9 @@ fn wait(
     while open(outcomes) && network.clock.now() < end && !network.stop.interrupted() {
         let slice = (network.clock.now() + LOOK).min(end);
         while open(outcomes)
-            && let Some(heard) = network.inbox.next(Some(slice))
+            && let Some(message) = network.inbox.next(Some(slice))
         {
-            if let Ok(event) = decode::<Event>(&heard.payload) {
+            if let Ok(event) = decode::<Event>(&message.payload) {
                 acknowledge(&event.data, &client.name, outcomes);
             }
         }
@@ -266,7 +255,7 @@ fn wait(
                 break;
             }
             let by = CommandSource { client: client.name.clone(), seq: Some(outcome.seq) }.to_string();
-            let key = client.key(&keys::state(outcome.service, &outcome.state));
+            let key = client.key(&keys::state(outcome.order.service, &outcome.order.state()));
             for (_, state) in diagnose::ask_all(&network.session, &key)? {
                 if state["by"] == by.as_str() {
                     (outcome.status, outcome.applied_tick) = ("applied", state["applied_tick"].as_u64());
@@ -289,7 +278,7 @@ fn acknowledge(event: &Event, client: &str, outcomes: &mut [Outcome]) {
     };
     let Some(by) = command.by.as_ref().filter(|by| by.client == client) else { return };
     for outcome in outcomes.iter_mut().filter(|outcome| outcome.status == "scheduled") {
-        if command.service != outcome.service || by.seq != Some(outcome.seq) {
+        if command.service != outcome.order.service || by.seq != Some(outcome.seq) {
             continue;
         }
         match refusal {
@@ -395,15 +384,12 @@ mod tests {
     #[test]
     fn acknowledgements_are_told_apart() {
         let outcome = |seq| Outcome {
-            name: "depth_m".to_owned(),
-            service: "guidance",
-            value: json!(5),
+            order: Order::read("depth_m", "5").expect("legal"),
             status: "scheduled",
             apply_tick: Some(10),
             applied_tick: None,
             reason: None,
             seq,
-            state: "depth_m".to_owned(),
         };
         let command = |client: &str, seq| {
             let by = Some(CommandSource { client: client.to_owned(), seq: Some(seq) });

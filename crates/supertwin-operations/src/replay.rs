@@ -34,11 +34,16 @@ pub fn changed(
 /// A recording that can be replayed.
 pub struct Source {
     file: PathBuf,
-    recording: Recording,
+    /// The recording that is replayed.
+    pub recording: Recording,
 }
 
 /// A what-if, with what it is to be compared with.
 pub struct Replayed<T> {
+    /// What was changed.
+    pub changed: Changed,
+    /// The recording that was written.
+    pub out: PathBuf,
     /// Whether the blocks, unchanged, repeat the recording.
     pub base: Verification,
     /// Scores of the recorded run, if it has any.
@@ -67,12 +72,6 @@ impl Source {
         Ok(Self { file: file.to_owned(), recording })
     }
 
-    /// The recording that is replayed.
-    #[must_use]
-    pub fn recording(&self) -> &Recording {
-        &self.recording
-    }
-
     /// Ready to be replayed, and how many messages can't be read, with the first reason.
     ///
     /// # Errors
@@ -98,14 +97,14 @@ impl Source {
     pub fn what_if(
         &self,
         replay: &Replay<'_>,
-        changed: &Changed,
-        out: &Path,
+        changed: Changed,
+        out: PathBuf,
         force: bool,
     ) -> Result<Replayed<WhatIf>, OperationError> {
-        let (base, original) = self.before(replay, changed)?;
-        let result = replay.what_if(changed, &provenance()).map_err(|error| at(&self.file, error))?;
-        result.write(&mut create(out, force)?).map_err(|error| at(out, error))?;
-        Ok(Replayed { base, original, result })
+        let (base, original) = self.before(replay, &changed)?;
+        let result = replay.what_if(&changed, &provenance()).map_err(|error| at(&self.file, error))?;
+        result.write(&mut create(&out, force)?).map_err(|error| at(&out, error))?;
+        Ok(Replayed { changed, out, base, original, result })
     }
 
     /// Runs the whole ring, driven by the recorded disturbance, into the recording `out`. Ends early when `stop` is set.
@@ -115,21 +114,22 @@ impl Source {
     pub fn closed_loop(
         &self,
         replay: &Replay<'_>,
-        changed: &Changed,
-        out: &Path,
+        changed: Changed,
+        out: PathBuf,
         force: bool,
         stop: &AtomicBool,
         progress: &dyn Progress,
     ) -> Result<Replayed<Closed>, OperationError> {
-        let (base, original) = self.before(replay, changed)?;
-        let mut sink = create(out, force)?;
+        let (base, original) = self.before(replay, &changed)?;
+        let mut sink = create(&out, force)?;
         progress.begin("closed loop", replay.closed_ticks());
-        let result = replay.closed_loop(changed, &provenance(), &mut sink, |ticks| {
+        let result = replay.closed_loop(&changed, &provenance(), &mut sink, |ticks| {
             progress.reach(ticks);
             !stop.load(Ordering::Relaxed)
         });
         progress.end();
-        Ok(Replayed { base, original, result: result.map_err(|error| at(&self.file, error))? })
+        let result = result.map_err(|error| at(&self.file, error))?;
+        Ok(Replayed { changed, out, base, original, result })
     }
 
     /// A what-if is worth as much as the blocks repeat what they did.

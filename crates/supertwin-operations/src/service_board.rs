@@ -15,11 +15,9 @@ const SILENT: Duration = Duration::from_millis(2500);
 /// What is known of one instance of a service.
 #[derive(Debug, Default)]
 struct ServiceState {
-    service: String,
-    instance: String,
     alive: bool,
     gone_at: Option<Duration>,
-    heard_at: Option<Duration>,
+    received_at: Option<Duration>,
     health: Option<Health>,
     rate_hz: Option<f64>,
 }
@@ -42,7 +40,7 @@ pub struct ServiceLine<'a> {
 }
 
 impl ServiceState {
-    fn heard(&mut self, health: Health, at: Duration) {
+    fn enter(&mut self, health: Health, at: Duration) {
         if let Some(before) = &self.health
             && before.run == health.run
             && health.clock_ns > before.clock_ns
@@ -51,11 +49,11 @@ impl ServiceState {
             let passed_s = (health.clock_ns - before.clock_ns) as f64 / 1e9;
             self.rate_hz = Some(health.tick.saturating_sub(before.tick) as f64 / passed_s);
         }
-        (self.health, self.heard_at) = (Some(health), Some(at));
+        (self.health, self.received_at) = (Some(health), Some(at));
     }
 
     fn status(&self, now: Duration) -> &'static str {
-        let silent = self.heard_at.is_none_or(|at| now.saturating_sub(at) > SILENT);
+        let silent = self.received_at.is_none_or(|at| now.saturating_sub(at) > SILENT);
         match (self.alive, silent) {
             (false, _) => "gone",
             (true, true) => "silent",
@@ -63,11 +61,11 @@ impl ServiceState {
         }
     }
 
-    fn line(&self, now: Duration) -> ServiceLine<'_> {
-        let since = if self.alive { self.heard_at } else { self.gone_at };
+    fn line<'a>(&'a self, service: &'a str, instance: &'a str, now: Duration) -> ServiceLine<'a> {
+        let since = if self.alive { self.received_at } else { self.gone_at };
         ServiceLine {
-            service: &self.service,
-            instance: &self.instance,
+            service,
+            instance,
             status: self.status(now),
             silent_s: since.map(|at| now.saturating_sub(at).as_secs_f64()),
             rate_hz: self.rate_hz,
@@ -91,10 +89,10 @@ impl ServiceBoard {
         network.inbox.listen_alive(&network.session, &format!("{prefix}/{}", keys::alive("*", "*")))?;
         let mut board = Self::default();
         let first = network.after(FIRST_WAIT_S);
-        while !board.complete()
-            && let Some(heard) = network.inbox.next(Some(first))
+        while !board.is_complete()
+            && let Some(message) = network.inbox.next(Some(first))
         {
-            board.enter(&heard);
+            board.enter(&message);
         }
         if board.0.is_empty() && !network.stop.interrupted() {
             let text = format!("{vehicle}: no service is up; start them with `supertwin up`");
@@ -106,39 +104,35 @@ impl ServiceBoard {
     /// Takes in what is heard for `s` seconds, or until it is interrupted.
     pub fn listen(&mut self, network: &NetworkClient, s: f64) {
         let end = network.after(s);
-        while let Some(heard) = network.inbox.next(Some(end)) {
-            self.enter(&heard);
+        while let Some(message) = network.inbox.next(Some(end)) {
+            self.enter(&message);
         }
     }
 
     /// How everybody is at `now`, by name and instance.
     #[must_use]
     pub fn lines(&self, now: Duration) -> Vec<ServiceLine<'_>> {
-        self.0.values().map(|state| state.line(now)).collect()
+        self.0.iter().map(|((service, instance), state)| state.line(service, instance, now)).collect()
     }
 
     fn row(&mut self, service: &str, instance: &str) -> &mut ServiceState {
-        self.0.entry((service.to_owned(), instance.to_owned())).or_insert_with(|| ServiceState {
-            service: service.to_owned(),
-            instance: instance.to_owned(),
-            ..ServiceState::default()
-        })
+        self.0.entry((service.to_owned(), instance.to_owned())).or_default()
     }
 
-    fn enter(&mut self, heard: &Received) {
-        let mut parts = heard.key.split('/').skip(2);
+    fn enter(&mut self, message: &Received) {
+        let mut parts = message.key.split('/').skip(2);
         match (parts.next(), parts.next(), parts.next()) {
             (Some("alive"), Some(service), Some(instance)) if service != "operator" => {
                 let row = self.row(service, instance);
-                row.alive = !heard.gone;
-                row.gone_at = heard.gone.then_some(heard.at);
+                row.alive = !message.gone;
+                row.gone_at = message.gone.then_some(message.at);
             }
             (Some("health"), Some(service), _) => {
-                if let Ok(health) = serde_json::from_slice::<Health>(&heard.payload)
+                if let Ok(health) = serde_json::from_slice::<Health>(&message.payload)
                     && let Some(instance) = health.source.strip_prefix(service).and_then(|rest| rest.strip_prefix('-'))
                 {
                     let instance = instance.to_owned();
-                    self.row(service, &instance).heard(health, heard.at);
+                    self.row(service, &instance).enter(health, message.at);
                 }
             }
             _ => {}
@@ -146,7 +140,7 @@ impl ServiceBoard {
     }
 
     /// Everybody who is alive has said enough for a rate.
-    fn complete(&self) -> bool {
+    fn is_complete(&self) -> bool {
         !self.0.is_empty() && self.0.values().all(|row| !row.alive || row.rate_hz.is_some())
     }
 }
@@ -155,7 +149,7 @@ impl ServiceBoard {
 mod tests {
     use super::*;
 
-    fn heard(key: &str, payload: Vec<u8>, gone: bool) -> Received {
+    fn message(key: &str, payload: Vec<u8>, gone: bool) -> Received {
         Received { key: key.to_owned(), payload, gone, at: Duration::from_secs(1) }
     }
 
@@ -163,23 +157,23 @@ mod tests {
     fn a_service_comes_speaks_and_goes() {
         let mut board = ServiceBoard::default();
         let alive = "supertwin/a/alive/plant/1";
-        board.enter(&heard(alive, Vec::new(), false));
-        board.enter(&heard("supertwin/a/alive/operator/anna", Vec::new(), false));
-        assert!(!board.complete());
+        board.enter(&message(alive, Vec::new(), false));
+        board.enter(&message("supertwin/a/alive/operator/anna", Vec::new(), false));
+        assert!(!board.is_complete());
         for (tick, clock_ns) in [(100, 1_000_000_000), (150, 2_000_000_000)] {
             let health =
                 Health { run: "r".to_owned(), source: "plant-1".to_owned(), tick, clock_ns, ..Health::default() };
             let payload = serde_json::to_vec(&health).expect("JSON");
-            board.enter(&heard("supertwin/a/health/plant", payload, false));
+            board.enter(&message("supertwin/a/health/plant", payload, false));
         }
-        assert!(board.complete() && board.0.len() == 1);
+        assert!(board.is_complete() && board.0.len() == 1);
         let line = |board: &ServiceBoard| {
             let lines = board.lines(Duration::from_secs(2));
             let tick = lines[0].health.map(|health| health.tick);
             (lines[0].status, lines[0].silent_s, lines[0].rate_hz, tick)
         };
         assert_eq!(line(&board), ("up", Some(1.0), Some(50.0), Some(150)));
-        board.enter(&heard(alive, Vec::new(), true));
+        board.enter(&message(alive, Vec::new(), true));
         assert_eq!(line(&board), ("gone", Some(1.0), Some(50.0), Some(150)));
     }
 }

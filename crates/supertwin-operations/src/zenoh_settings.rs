@@ -2,7 +2,7 @@
 
 use crate::OperationError;
 use serde_json::{Map, Value, json};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use supertwin_pki::{self as pki, Credentials};
 use supertwin_protocol::access::{AccessRow, Verb};
 use supertwin_protocol::keys;
@@ -18,51 +18,43 @@ const TLS: &str = "tls/0.0.0.0:7447";
 /// Where credentials are looked for, unless told otherwise: `ca.pem`, `ROLE.pem`, `ROLE.key`.
 const INSTALLED: &str = "/etc/supertwin";
 
-/// What settings of a Zenoh session or router are made from.
-#[derive(Clone, Debug)]
-pub struct SettingsOptions {
-    /// What they may.
-    pub role: Role,
-    /// Name of the vehicle on the network.
-    pub vehicle: String,
-    /// Where the vehicle's router listens; none: its unix socket and port 7447 with TLS.
-    pub listen: Vec<String>,
-    /// The vehicle's router, of others; none: `tls/localhost:7447`.
-    pub connect: Vec<String>,
-    /// Folder with the holder's certificate and key; `None`: where they are installed.
-    pub credentials: Option<PathBuf>,
-}
-
-/// The text of a Zenoh configuration file.
+/// The text of the Zenoh configuration file of `role` at the vehicle called `name`: of its router, which listens at
+/// `listen` (without any: its unix socket and port 7447 with TLS), or of a client of its router at `connect` (without
+/// any: `tls/localhost:7447`). `credentials` is the folder with the holder's certificate and key; `None`: where they are
+/// installed.
 ///
 /// # Errors
 /// The options do not fit together, or the credentials are not of this role and vehicle.
-pub fn settings(options: &SettingsOptions) -> Result<String, OperationError> {
-    let (role, name) = (options.role, options.vehicle.as_str());
+pub fn settings(
+    role: Role,
+    name: &str,
+    listen: &[String],
+    connect: &[String],
+    credentials: Option<&Path>,
+) -> Result<String, OperationError> {
     Scope::of(Some(name)).map_err(|cause| OperationError::Option(format!("--vehicle {cause}")))?;
-    check(options)?;
-    let tls = tls(role, name, options.credentials.as_deref())?;
+    check(role, listen, connect)?;
+    let tls = tls(role, name, credentials)?;
     let or = |given: &[String], default: &[&str]| -> Vec<String> {
         if given.is_empty() { default.iter().map(|text| (*text).to_owned()).collect() } else { given.to_vec() }
     };
     Ok(if role == Role::Vehicle {
-        access_control::router_file(name, &or(&options.listen, &[SOCKET, TLS]), &tls)
+        access_control::router_file(name, &or(listen, &[SOCKET, TLS]), &tls)
     } else {
-        access_control::client_file(role, name, &or(&options.connect, &["tls/localhost:7447"]), &tls)
+        access_control::client_file(role, name, &or(connect, &["tls/localhost:7447"]), &tls)
     })
 }
 
 /// What does not fit together.
-fn check(options: &SettingsOptions) -> Result<(), OperationError> {
-    let role = options.role;
+fn check(role: Role, listen: &[String], connect: &[String]) -> Result<(), OperationError> {
     let wrong = |text: String| Err(OperationError::Option(text));
-    if role == Role::Vehicle && !options.connect.is_empty() {
+    if role == Role::Vehicle && !connect.is_empty() {
         return wrong("--connect: the vehicle's router listens; its services use --connect with its socket".to_owned());
     }
-    if role != Role::Vehicle && !options.listen.is_empty() {
+    if role != Role::Vehicle && !listen.is_empty() {
         return wrong(format!("--listen: nobody connects to {role}; give its router with --connect"));
     }
-    if let Some(endpoint) = options.connect.iter().find(|endpoint| !endpoint.starts_with("tls/")) {
+    if let Some(endpoint) = connect.iter().find(|endpoint| !endpoint.starts_with("tls/")) {
         return wrong(format!(
             "--connect {endpoint}: must be tls/HOST:PORT, or there is nothing that could tell who comes"
         ));

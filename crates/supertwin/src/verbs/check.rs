@@ -2,6 +2,7 @@
 
 use crate::terminal;
 use clap::Args;
+use serde_json::json;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use supertwin_core::unit;
@@ -10,7 +11,6 @@ use supertwin_operations::OperationError;
 use supertwin_operations::configuration::{all, understand};
 use toml::{Table, Value};
 
-/// Arguments of `check`.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   supertwin check                                every file of the configuration folder
@@ -40,9 +40,7 @@ pub(crate) fn check(arguments: &CheckArguments, library: &Library) -> Result<Exi
     for file in &files {
         match understand(file, library) {
             Ok(table) if arguments.json => {
-                let value = serde_json::to_value(&table)
-                    .map_err(|cause| OperationError::Option(format!("{}: {cause}", file.display())))?;
-                understood.insert(file.display().to_string(), value);
+                understood.insert(file.display().to_string(), json!(table));
             }
             Ok(table) => {
                 let said = if arguments.files.is_empty() { summary(&table) } else { lines(&table) };

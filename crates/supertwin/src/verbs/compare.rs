@@ -13,7 +13,6 @@ use supertwin_lab::metrics::FAMILIES;
 use supertwin_operations::OperationError;
 use supertwin_operations::compare::{self, CompareOptions, Comparison};
 
-/// Arguments of `compare`.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   supertwin run --seeds 20 --out runs/paper && supertwin compare runs/paper

@@ -13,7 +13,6 @@ use supertwin_operations::OperationError;
 use supertwin_operations::save;
 use supertwin_rerun::blueprint::{self, About, DASHBOARDS, Dashboard, Description};
 
-/// Arguments of `dashboard`.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   supertwin dashboard --list
@@ -94,9 +93,7 @@ pub(crate) fn dashboard(arguments: &DashboardArguments) -> Result<ExitCode, Oper
         listed.push(Listed { name: described.name, about: described.about, views, file });
     }
     if arguments.json {
-        let text = serde_json::to_string_pretty(&listed)
-            .map_err(|cause| OperationError::Option(format!("the list can't be written as JSON: {cause}")))?;
-        terminal::print(&text);
+        terminal::print_json(&listed)?;
     } else {
         let width = 2 + DASHBOARDS.iter().map(|described| described.name.len()).max().unwrap_or_default();
         for one in &listed {

@@ -9,7 +9,6 @@ use supertwin_lab::Library;
 use supertwin_operations::{OperationError, flows};
 use supertwin_protocol::Received;
 
-/// Arguments of `echo`.
 #[derive(Debug, Args)]
 #[command(mut_arg("json", |json| json.help("Print one JSON object per line")))]
 #[command(after_help = "Examples:
@@ -18,7 +17,7 @@ use supertwin_protocol::Received;
   supertwin echo 'state/**' --for 10
   supertwin echo 'supertwin/*/health/*'          of all vehicles
 
-Exit status: 0 done or stopped, 1 nothing was heard, 2 the call is wrong or there is no router.")]
+Exit status: 0 done or stopped, 1 nothing was sample, 2 the call is wrong or there is no router.")]
 pub(crate) struct EchoArguments {
     /// Key below the vehicle's, or a full one from supertwin/ on; * is one part, ** any number
     #[arg(value_name = "KEY")]
@@ -44,8 +43,8 @@ pub(crate) fn echo(arguments: &EchoArguments, library: &Library) -> Result<ExitC
     let mut past = flows::listen_with_history(&mut network, &key, end)?;
     let mut shown = 0;
     while arguments.count.is_none_or(|count| shown < count) {
-        let Some(heard) = past.pop_front().or_else(|| network.inbox.next(end)) else { break };
-        terminal::print(&if arguments.tool.json { sample_json(&heard).to_string() } else { sample_text(&heard) });
+        let Some(sample) = past.pop_front().or_else(|| network.inbox.next(end)) else { break };
+        terminal::print(&if arguments.tool.json { sample_json(&sample).to_string() } else { sample_text(&sample) });
         shown += 1;
     }
     let (lost, interrupted) = (network.inbox.lost(), network.stop.interrupted());
@@ -54,28 +53,28 @@ pub(crate) fn echo(arguments: &EchoArguments, library: &Library) -> Result<ExitC
     }
     network.close();
     if shown == 0 && !interrupted {
-        return Err(flows::nothing_heard(&key, arguments.for_s.unwrap_or(0.0)));
+        return Err(flows::nothing_received(&key, arguments.for_s.unwrap_or(0.0)));
     }
     Ok(ExitCode::SUCCESS)
 }
 
-fn sample_json(heard: &Received) -> Value {
-    if heard.gone {
-        return json!({ "key": heard.key, "deleted": true });
+fn sample_json(sample: &Received) -> Value {
+    if sample.gone {
+        return json!({ "key": sample.key, "deleted": true });
     }
-    match serde_json::from_slice::<Value>(&heard.payload) {
-        Ok(value) => json!({ "key": heard.key, "value": value }),
-        Err(_) => json!({ "key": heard.key, "text": String::from_utf8_lossy(&heard.payload) }),
+    match serde_json::from_slice::<Value>(&sample.payload) {
+        Ok(value) => json!({ "key": sample.key, "value": value }),
+        Err(_) => json!({ "key": sample.key, "text": String::from_utf8_lossy(&sample.payload) }),
     }
 }
 
-fn sample_text(heard: &Received) -> String {
-    let key = heard.key.splitn(3, '/').nth(2).unwrap_or(&heard.key);
-    if heard.gone {
+fn sample_text(sample: &Received) -> String {
+    let key = sample.key.splitn(3, '/').nth(2).unwrap_or(&sample.key);
+    if sample.gone {
         return format!("{key}  deleted");
     }
-    let Ok(value) = serde_json::from_slice::<Value>(&heard.payload) else {
-        let text: String = String::from_utf8_lossy(&heard.payload).chars().filter(|c| !c.is_control()).collect();
+    let Ok(value) = serde_json::from_slice::<Value>(&sample.payload) else {
+        let text: String = String::from_utf8_lossy(&sample.payload).chars().filter(|c| !c.is_control()).collect();
         return format!("{key}  {text}");
     };
     let (tick, data) = (value["tick"].as_u64(), &value["data"]);
@@ -96,7 +95,7 @@ mod tests {
     use super::*;
     use std::time::Duration;
 
-    fn heard(at_ms: u64, payload: &str) -> Received {
+    fn sample(at_ms: u64, payload: &str) -> Received {
         Received {
             key: "supertwin/a/estimator/nav".to_owned(),
             payload: payload.as_bytes().to_vec(),
@@ -109,10 +108,10 @@ mod tests {
     fn samples_are_one_line_whatever_they_are() {
         let event = r#"{"tick":50,"seq":2,"source":"plant-1","sim_time_s":1.0,
             "data":{"tick":50,"service":"plant","severity":"warning","text":"late"}}"#;
-        assert_eq!(sample_text(&heard(0, event)), "     1.00 s  warning  plant: late");
+        assert_eq!(sample_text(&sample(0, event)), "     1.00 s  warning  plant: late");
         let nav = r#"{"tick":50,"seq":2,"source":"e","data":{"depth_m":1.5}}"#;
-        assert_eq!(sample_text(&heard(0, nav)), r#"estimator/nav  tick 50  seq 2  {"depth_m":1.5}"#);
-        assert_eq!(sample_text(&heard(0, "a\nb")), "estimator/nav  ab");
-        assert_eq!(sample_json(&heard(0, "\u{1}x"))["text"], "\u{1}x");
+        assert_eq!(sample_text(&sample(0, nav)), r#"estimator/nav  tick 50  seq 2  {"depth_m":1.5}"#);
+        assert_eq!(sample_text(&sample(0, "a\nb")), "estimator/nav  ab");
+        assert_eq!(sample_json(&sample(0, "\u{1}x"))["text"], "\u{1}x");
     }
 }

@@ -8,7 +8,6 @@ use std::process::ExitCode;
 use supertwin_operations::{OperationError, export};
 use supertwin_rerun::Format;
 
-/// Arguments of `export`.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   supertwin export run.rrd --parquet             run.parquet: a column per component, a row per tick

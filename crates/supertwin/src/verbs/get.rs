@@ -6,9 +6,11 @@ use clap::Args;
 use serde_json::Value;
 use std::process::ExitCode;
 use supertwin_lab::Library;
-use supertwin_operations::{OperationError, orders};
+use supertwin_operations::{OperationError, orders, shortened};
 
-/// Arguments of `get`.
+/// Characters of a value in the table: descriptions may be long.
+const LONGEST: usize = 60;
+
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   supertwin get                                  everything
@@ -33,11 +35,7 @@ pub(crate) fn get(arguments: &GetArguments, library: &Library) -> Result<ExitCod
     let vehicle = network.vehicle(arguments.tool.link.vehicle.as_deref())?;
     let found = orders::get(&network, &vehicle, arguments.name.as_deref())?;
     network.close();
-    terminal::print(&if arguments.tool.json {
-        found.to_string()
-    } else {
-        found_text(arguments.name.as_deref(), &found)
-    });
+    terminal::print_result(arguments.tool.json, &found, || found_text(arguments.name.as_deref(), &found));
     Ok(ExitCode::SUCCESS)
 }
 
@@ -76,15 +74,10 @@ fn found_text(name: Option<&str>, found: &Value) -> String {
     }
     if !rows.is_empty() {
         text += "\n\n";
-        let rows = rows.into_iter().map(|(path, value)| vec![path, short(&value)]).collect();
+        let rows = rows.into_iter().map(|(path, value)| vec![path, shortened(&value, LONGEST)]).collect();
         text += &table(&["parameter", "value"], rows, 2);
     }
     text
-}
-
-/// Descriptions may be long; tables are not.
-fn short(text: &str) -> String {
-    if text.chars().count() <= 60 { text.to_owned() } else { text.chars().take(59).chain(['…']).collect() }
 }
 
 fn by(state: &Value) -> String {

@@ -9,14 +9,13 @@ use supertwin_lab::Library;
 use supertwin_operations::OperationError;
 use supertwin_operations::flows::{self, KeyRate};
 
-/// Arguments of `hz`.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   supertwin hz estimator/nav
   supertwin hz 'telemetry/*' --for 20
   supertwin hz '**' --json                       everything of the vehicle
 
-Exit status: 0 done, 1 nothing was heard, 2 the call is wrong or there is no router, 130 interrupted.")]
+Exit status: 0 done, 1 nothing was message, 2 the call is wrong or there is no router, 130 interrupted.")]
 pub(crate) struct HzArguments {
     /// Key below the vehicle's, or a full one from supertwin/ on; * is one part, ** any number
     #[arg(value_name = "KEY")]
@@ -41,11 +40,8 @@ pub(crate) fn hz(arguments: &HzArguments, library: &Library) -> Result<ExitCode,
         let lost = rates.lost;
         terminal::warn(&format!("warning: {lost} samples came faster than they could be counted: gaps are ours"));
     }
-    terminal::print(&if arguments.tool.json {
-        json!({ "for_s": rates.for_s, "keys": rates.keys }).to_string()
-    } else {
-        rates_text(&rates.keys)
-    });
+    let result = json!({ "for_s": rates.for_s, "keys": rates.keys });
+    terminal::print_result(arguments.tool.json, &result, || rates_text(&rates.keys));
     Ok(if interrupted { ExitCode::from(INTERRUPTED) } else { ExitCode::SUCCESS })
 }
 

@@ -9,7 +9,6 @@ use supertwin_lab::Library;
 use supertwin_operations::OperationError;
 use supertwin_operations::flows::{self, ListedKey, ListedVehicle};
 
-/// Arguments of `list`.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   supertwin list
@@ -31,14 +30,11 @@ pub(crate) fn list(arguments: &ListArguments, library: &Library) -> Result<ExitC
     let mut network = arguments.tool.link.join(library)?;
     let only = arguments.tool.link.vehicle.as_deref();
     let listed = flows::list(&mut network, only, arguments.for_s, &Bar::new(arguments.tool.json))?;
-    if arguments.tool.json {
-        terminal::print(&json!({ "vehicles": listed, "for_s": arguments.for_s }).to_string());
-    } else if listed.is_empty() {
-        terminal::print("nobody is up: start a vehicle with `supertwin up`");
-    }
-    for vehicle in listed.iter().filter(|_| !arguments.tool.json) {
-        terminal::print(&vehicle_text(vehicle, arguments.for_s));
-    }
+    let result = json!({ "vehicles": listed, "for_s": arguments.for_s });
+    terminal::print_result(arguments.tool.json, &result, || match listed.as_slice() {
+        [] => "nobody is up: start a vehicle with `supertwin up`".to_owned(),
+        up => up.iter().map(|vehicle| vehicle_text(vehicle, arguments.for_s)).collect::<Vec<_>>().join("\n"),
+    });
     let interrupted = network.stop.interrupted();
     network.close();
     Ok(if interrupted { ExitCode::from(INTERRUPTED) } else { ExitCode::SUCCESS })

@@ -9,14 +9,13 @@ use std::process::ExitCode;
 use std::time::Duration;
 use supertwin_operations::OperationError;
 use supertwin_pki::PkiError;
-use supertwin_pki::{self as pki, Authority, Certificate, Credentials, Request};
+use supertwin_pki::{self as pki, Authority, Credentials, Request};
 use supertwin_protocol::role::{Role, Scope, common_name};
 use supertwin_protocol::{Clock, SystemClock};
 
 /// Hosts at which a vehicle is reached from itself.
 const SELF: [&str; 3] = ["localhost", "127.0.0.1", "::1"];
 
-/// Arguments of `pki`.
 #[derive(Debug, Args)]
 #[command(subcommand_required = true, arg_required_else_help = true)]
 #[command(after_help = "Examples:
@@ -175,21 +174,21 @@ pub(crate) fn pki(arguments: &PkiArguments) -> Result<ExitCode, OperationError> 
 }
 
 impl PkiArguments {
-    fn say(&self, value: &serde_json::Value, text: impl FnOnce() -> String) {
-        terminal::print(&if self.json { value.to_string() } else { text() });
-    }
-
     fn init(&self, arguments: &InitArguments, clock: &dyn Clock) -> Result<ExitCode, OperationError> {
         let lifetime = arguments.lifetime.get().unwrap_or(pki::AUTHORITY_LIFETIME);
         let authority = Authority::init(&self.dir, &arguments.fleet, lifetime, clock)?;
         let until = authority.certificate.not_after();
-        self.say(&json!({ "authority": self.dir, "certificate": authority.certificate }), || {
-            format!(
-                "{}: the authority of {}, valid until {until}. Keep ca.key here, and keep a copy.",
-                self.dir.display(),
-                arguments.fleet
-            )
-        });
+        terminal::print_result(
+            self.json,
+            &json!({ "authority": self.dir, "certificate": authority.certificate }),
+            || {
+                format!(
+                    "{}: the authority of {}, valid until {until}. Keep ca.key here, and keep a copy.",
+                    self.dir.display(),
+                    arguments.fleet
+                )
+            },
+        );
         Ok(ExitCode::SUCCESS)
     }
 
@@ -207,7 +206,8 @@ impl PkiArguments {
         let certificate = pki::read(&made.certificate)?;
         let folder = made.certificate.parent().unwrap_or(Path::new("")).display().to_string();
         let name = common_name(request.role, &request.scope);
-        self.say(&described(&made, &certificate), || {
+        let result = json!({ "ca": made.ca, "certificate": made.certificate, "key": made.key, "says": certificate });
+        terminal::print_result(self.json, &result, || {
             format!("{folder}: {} is {name} until {}", request.holder, certificate.not_after())
         });
         Ok(ExitCode::SUCCESS)
@@ -257,13 +257,9 @@ impl PkiArguments {
             all.extend(pki::examine(path, within_s, clock)?);
         }
         let well = all.iter().all(|one| one.problems.is_empty());
-        self.say(&json!({ "certificates": all, "well": well }), || listed(&all));
+        terminal::print_result(self.json, &json!({ "certificates": all, "well": well }), || listed(&all));
         Ok(if well { ExitCode::SUCCESS } else { ExitCode::from(1) })
     }
-}
-
-fn described(files: &Credentials, certificate: &Certificate) -> serde_json::Value {
-    json!({ "ca": files.ca, "certificate": files.certificate, "key": files.key, "says": certificate })
 }
 
 fn listed(all: &[pki::Examined]) -> String {

@@ -9,7 +9,6 @@ use supertwin_operations::OperationError;
 use supertwin_rerun::repair::{self, RepairError};
 use supertwin_rerun::{ReadError, Repair};
 
-/// Arguments of `repair`.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   supertwin repair run.rrd                       leaves run.repaired.rrd beside it, if there is something to repair

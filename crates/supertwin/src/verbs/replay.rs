@@ -3,7 +3,7 @@
 use crate::terminal::{self, Bar, INTERRUPTED};
 use clap::{Args, ValueEnum};
 use serde_json::json;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::atomic::Ordering;
 use supertwin_core::axes::AXIS_NAMES;
@@ -13,8 +13,8 @@ use supertwin_lab::replay::{BlockVerdict, Changed, FromBlock, Verification, What
 use supertwin_lab::{Library, Scores};
 use supertwin_operations::OperationError;
 use supertwin_operations::replay::{self, Replayed, Source};
+use supertwin_rerun::Recording;
 
-/// Arguments of `replay`.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   supertwin replay run.rrd --verify              every block again on its recorded inputs: the same bits?
@@ -101,8 +101,7 @@ pub(crate) fn replay(arguments: &ReplayArguments, library: &Library) -> Result<E
         return Err(OperationError::Option(text));
     }
     let changed = replay::changed(library, arguments.controller.as_deref(), from, arguments.closed_loop)?;
-    let file = &arguments.file;
-    let source = Source::read(file)?;
+    let source = Source::read(&arguments.file)?;
     let (replay, rejected) = source.replay()?;
     if let Some((n, first)) = rejected {
         terminal::warn(&format!("warning: {n} messages can't be read; the first: {first}"));
@@ -111,34 +110,28 @@ pub(crate) fn replay(arguments: &ReplayArguments, library: &Library) -> Result<E
         return Ok(verified(arguments, &source.verify(&replay, from)?, from));
     }
     let kind = if arguments.closed_loop { "closed-loop" } else { "replay" };
-    let name = &source.recording().name;
-    let out = replay::destination(file, arguments.out.as_deref(), name, kind, arguments.force)?;
+    let name = &source.recording.name;
+    let out = replay::destination(&arguments.file, arguments.out.as_deref(), name, kind, arguments.force)?;
     if arguments.closed_loop {
         let stop = terminal::stop_flag(|| {})?;
         let bar = Bar::new(arguments.json);
-        let done = source.closed_loop(&replay, &changed, &out, arguments.force, &stop, &bar)?;
+        let done = source.closed_loop(&replay, changed, out, arguments.force, &stop, &bar)?;
         let interrupted = stop.load(Ordering::Relaxed) && !done.result.outcome.complete;
-        return closed_loop(arguments, &changed, &done, &out, interrupted);
+        closed_loop(arguments, &done, interrupted);
+        return Ok(if interrupted { ExitCode::from(INTERRUPTED) } else { ExitCode::SUCCESS });
     }
-    let done = source.what_if(&replay, &changed, &out, arguments.force)?;
-    what_if(arguments, &source, &changed, &done, &out)
+    what_if(arguments, &source.recording, &source.what_if(&replay, changed, out, arguments.force)?);
+    Ok(ExitCode::SUCCESS)
 }
 
-fn what_if(
-    arguments: &ReplayArguments,
-    source: &Source,
-    changed: &Changed,
-    done: &Replayed<WhatIf>,
-    out: &Path,
-) -> Result<ExitCode, OperationError> {
-    let (file, recording) = (&arguments.file, source.recording());
-    let Replayed { base, original, result: what_if } = done;
+fn what_if(arguments: &ReplayArguments, recording: &Recording, done: &Replayed<WhatIf>) {
+    let Replayed { changed, out, base, original, result: what_if } = done;
     let scores = what_if.scores.as_ref().map(|rescored| &rescored.scores);
     let differs = what_if.wrench_difference(recording);
     if arguments.json {
         let report = json!({
             "replay_of": recording.name,
-            "file": file,
+            "file": arguments.file,
             "out": out,
             "from": changed.from.name(),
             "closed_loop": false,
@@ -150,8 +143,7 @@ fn what_if(
             "not_scored": scores.err(),
             "largest_difference_of_the_requested_wrench": differs,
         });
-        terminal::print_json(&report)?;
-        return Ok(ExitCode::SUCCESS);
+        return terminal::print(&format!("{report:#}"));
     }
     say_base(base);
     terminal::print(&format!(
@@ -176,7 +168,6 @@ fn what_if(
         .collect();
     terminal::print(&format!("Largest difference of the requested wrench: {}.", axes.join(", ")));
     terminal::print(&format!("Written to {}", out.display()));
-    Ok(ExitCode::SUCCESS)
 }
 
 fn verified(arguments: &ReplayArguments, done: &Verification, from: Option<FromBlock>) -> ExitCode {
@@ -216,16 +207,9 @@ fn verified(arguments: &ReplayArguments, done: &Verification, from: Option<FromB
     status
 }
 
-fn closed_loop(
-    arguments: &ReplayArguments,
-    changed: &Changed,
-    done: &Replayed<Closed>,
-    out: &Path,
-    interrupted: bool,
-) -> Result<ExitCode, OperationError> {
-    let Replayed { base, original, result: closed } = done;
+fn closed_loop(arguments: &ReplayArguments, done: &Replayed<Closed>, interrupted: bool) {
+    let Replayed { changed, out, base, original, result: closed } = done;
     let outcome = &closed.outcome;
-    let status = if interrupted { ExitCode::from(INTERRUPTED) } else { ExitCode::SUCCESS };
     if arguments.json {
         let report = json!({
             "file": arguments.file,
@@ -240,8 +224,7 @@ fn closed_loop(
             "disturbance_held_ticks": closed.held,
             "scores": { "original": original, "replay": outcome.scores },
         });
-        terminal::print_json(&report)?;
-        return Ok(status);
+        return terminal::print(&format!("{report:#}"));
     }
     say_base(base);
     terminal::print(&format!(
@@ -264,7 +247,6 @@ fn closed_loop(
         terminal::warn("interrupted; the recording is closed and readable");
     }
     terminal::print(&format!("Written to {}", out.display()));
-    Ok(status)
 }
 
 fn what(changed: &Changed) -> String {

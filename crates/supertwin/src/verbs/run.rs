@@ -2,9 +2,9 @@
 
 use super::{record, tables};
 use crate::arguments::{LiveArguments, TrialsArguments};
-use crate::terminal::{self, Bar, INTERRUPTED};
+use crate::terminal::{self, Bar, INTERRUPTED, count};
 use clap::Args;
-use serde::Serialize;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::atomic::Ordering;
@@ -12,7 +12,6 @@ use supertwin_lab::Library;
 use supertwin_operations::OperationError;
 use supertwin_operations::run::{self, Finished, FinishedRun, RunOptions};
 
-/// Arguments of `run`.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   supertwin run                                  the paper's three trials, table IV beside ours
@@ -61,12 +60,6 @@ pub(crate) struct RunArguments {
     /// Print one JSON object instead of tables
     #[arg(long)]
     json: bool,
-}
-
-/// The JSON object of `--json`.
-#[derive(Debug, Serialize)]
-struct Report<'a> {
-    runs: &'a [FinishedRun],
 }
 
 /// Does the runs, and prints their scores.
@@ -122,7 +115,7 @@ pub(crate) fn run(arguments: &RunArguments, library: &Library) -> Result<ExitCod
 
 fn report(done: &[FinishedRun], json: bool, wall_s: f64) -> Result<(), OperationError> {
     if json {
-        return terminal::print_json(&Report { runs: done });
+        return terminal::print_json(&BTreeMap::from([("runs", done)]));
     }
     // A run that was interrupted has no scores to compare.
     let complete: Vec<&FinishedRun> = done.iter().filter(|run| run.complete).collect();
@@ -134,9 +127,9 @@ fn report(done: &[FinishedRun], json: bool, wall_s: f64) -> Result<(), Operation
     let warnings: u64 = done.iter().map(|run| run.warnings).sum();
     terminal::print(&format!(
         "{}, {simulated_s:.0} s simulated in {wall_s:.2} s: {:.0} times real time; {} in the events.",
-        count(done.len() as u64, "run"),
+        count(done.len(), "run", "runs"),
         simulated_s / wall_s,
-        count(warnings, "warning")
+        count(warnings as usize, "warning", "warnings")
     ));
     if let [only] = done {
         terminal::print(&format!("State hash {}.", only.hash));
@@ -150,9 +143,4 @@ fn report(done: &[FinishedRun], json: bool, wall_s: f64) -> Result<(), Operation
         ));
     }
     Ok(())
-}
-
-/// `1 run`, `2 runs`.
-fn count(n: u64, what: &str) -> String {
-    format!("{n} {what}{}", if n == 1 { "" } else { "s" })
 }

@@ -9,7 +9,6 @@ use supertwin_operations::OperationError;
 use supertwin_operations::save;
 use supertwin_protocol::schema::{self, Described};
 
-/// Arguments of `schema`.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   supertwin schema                               which messages there are, and their keys
@@ -60,25 +59,17 @@ pub(crate) fn schema(arguments: &SchemaArguments) -> Result<ExitCode, OperationE
             OperationError::Option(format!("{name}: is no message; there are {}", known.join(", ")))
         })
     };
-    let chosen: Vec<&Described> = if arguments.names.is_empty() {
-        all.iter().collect()
-    } else {
-        arguments.names.iter().map(find).collect::<Result<_, _>>()?
-    };
     let named = !arguments.names.is_empty();
+    let chosen: Vec<&Described> =
+        if named { arguments.names.iter().map(find).collect::<Result<_, _>>()? } else { all.iter().collect() };
     let mut listed = Vec::new();
     for one in chosen {
-        let file = match &arguments.save {
-            Some(folder) => Some(save_to(folder, one, arguments.force)?),
-            None => None,
-        };
+        let file = arguments.save.as_ref().map(|folder| save_to(folder, one, arguments.force)).transpose()?;
         let schema = (named && file.is_none()).then_some(&one.schema);
         listed.push(Listed { name: one.name, key: &one.key, about: one.about, file, schema });
     }
     if arguments.json {
-        let text = serde_json::to_string_pretty(&listed)
-            .map_err(|cause| OperationError::Option(format!("the list can't be written as JSON: {cause}")))?;
-        terminal::print(&text);
+        terminal::print_json(&listed)?;
         return Ok(ExitCode::SUCCESS);
     }
     for one in &listed {

@@ -9,7 +9,6 @@ use supertwin_lab::Library;
 use supertwin_operations::OperationError;
 use supertwin_operations::orders::{self, Order};
 
-/// Arguments of `set`.
 #[derive(Debug, Args)]
 #[command(after_help = "Names:
   mode                       neutral, depth_heading_hold, follow_net
@@ -72,35 +71,30 @@ pub(crate) fn set(arguments: &SetArguments, library: &Library) -> Result<ExitCod
     }
     let mut code = ExitCode::SUCCESS;
     for outcome in &done.outcomes {
-        let (name, value) = (&outcome.name, &outcome.value);
+        let Order { name, value, .. } = &outcome.order;
         let what = if value.is_null() { format!("{name} restart") } else { format!("{name} {value}") };
         let tick = outcome.apply_tick.unwrap_or(0);
-        let text = match outcome.status {
-            "applied" => format!("{what}: applied at tick {}", outcome.applied_tick.unwrap_or(tick)),
-            "scheduled" if arguments.no_wait => format!("{what}: applies at tick {tick}"),
-            "scheduled" if interrupted => {
-                terminal::warn(&format!("interrupted: {what} applies at tick {tick}"));
-                code = ExitCode::from(INTERRUPTED);
-                continue;
-            }
+        let result = match outcome.status {
+            "applied" => Ok(format!("{what}: applied at tick {}", outcome.applied_tick.unwrap_or(tick))),
+            "scheduled" if arguments.no_wait => Ok(format!("{what}: applies at tick {tick}")),
+            "scheduled" if interrupted => Err((INTERRUPTED, format!("interrupted: {what} applies at tick {tick}"))),
             "scheduled" => {
-                let wait_s = arguments.wait;
-                terminal::warn(&format!(
-                    "error: {what}: scheduled for tick {tick}, not seen to apply within {wait_s} s"
-                ));
-                code = ExitCode::from(1);
-                continue;
+                let text = format!("scheduled for tick {tick}, not seen to apply within {} s", arguments.wait);
+                Err((1, format!("error: {what}: {text}")))
             }
             status => {
                 let reason = outcome.reason.as_deref().unwrap_or("");
                 let status = if status == "refused" { "refused: " } else { "" };
-                terminal::warn(&format!("error: {what}: {status}{reason}"));
-                code = ExitCode::from(1);
-                continue;
+                Err((1, format!("error: {what}: {status}{reason}")))
             }
         };
-        if !arguments.tool.json {
-            terminal::print(&text);
+        match result {
+            Ok(text) if !arguments.tool.json => terminal::print(&text),
+            Ok(_) => {}
+            Err((status, text)) => {
+                terminal::warn(&text);
+                code = ExitCode::from(status);
+            }
         }
     }
     Ok(code)

@@ -8,11 +8,10 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use supertwin_core::signal::tracking::QUANTITIES;
 use supertwin_core::{Event, Property, Severity};
-use supertwin_operations::OperationError;
 use supertwin_operations::inspect::{Inspection, RecordedScores, RecordedSignal, TickGap, inspect};
+use supertwin_operations::{OperationError, shortened};
 use supertwin_rerun::{Recording, read};
 
-/// Arguments of `show`.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   supertwin show runs/0001/paper-agsta-seed1.rrd
@@ -116,7 +115,7 @@ fn table(lines: &[RecordedSignal]) -> String {
     for line in lines {
         table.add_row([
             line.path.clone(),
-            shortened(&line.components.join(", ")),
+            shortened(&line.components.join(", "), WIDEST),
             line.rows.to_string(),
             number(line.rate_hz, 2),
             number(line.first_s, 2),
@@ -125,13 +124,6 @@ fn table(lines: &[RecordedSignal]) -> String {
         ]);
     }
     terminal::aligned(table, 2..)
-}
-
-fn shortened(text: &str) -> String {
-    if text.chars().count() <= WIDEST {
-        return text.to_owned();
-    }
-    text.chars().take(WIDEST - 1).chain(['…']).collect()
 }
 
 fn gaps_text(gaps: &[TickGap]) -> String {

@@ -1,6 +1,6 @@
 //! `supertwin sweep`: a campaign of seeded runs over parameters, into one table and a report.
 
-use crate::terminal::{self, Bar, INTERRUPTED};
+use crate::terminal::{self, Bar, INTERRUPTED, count};
 use clap::{Args, ValueEnum};
 use serde_json::json;
 use std::path::PathBuf;
@@ -10,7 +10,6 @@ use supertwin_lab::sweep::KeepRecordings;
 use supertwin_operations::OperationError;
 use supertwin_operations::sweep::{self, Shard, SweepOptions, Swept};
 
-/// Arguments of `sweep`.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   supertwin sweep fair                           five controllers on equal terms: table and report in runs/sweeps/fair
@@ -155,9 +154,4 @@ fn print_outcome(swept: &Swept, json: bool) -> ExitCode {
         terminal::print(&format!("Table in {}{report}.", swept.table.display()));
     }
     if well { ExitCode::SUCCESS } else { ExitCode::from(1) }
-}
-
-/// `1 run`, `2 runs`.
-fn count(n: usize, one: &str, several: &str) -> String {
-    format!("{n} {}", if n == 1 { one } else { several })
 }

@@ -4,6 +4,7 @@ use crate::terminal::{aligned, framed_table};
 use supertwin_core::signal::tracking::QUANTITIES;
 use supertwin_lab::Scores;
 use supertwin_lab::paper::table_iv;
+use supertwin_lab::statistics::{mean, standard_deviation};
 use supertwin_operations::run::{FinishedRun, title};
 
 /// Runs of one trial and controller.
@@ -15,13 +16,9 @@ struct TrialRuns<'a> {
 impl TrialRuns<'_> {
     /// Mean, and standard deviation when several seeds ran.
     fn cell(&self, digits: usize, value: impl Fn(&Scores) -> f64) -> String {
-        let n = self.runs.len() as f64;
-        let mean = self.runs.iter().map(|run| value(&run.scores)).sum::<f64>() / n;
-        if self.runs.len() < 2 {
-            return format!("{mean:.digits$}");
-        }
-        let variance = self.runs.iter().map(|run| (value(&run.scores) - mean).powi(2)).sum::<f64>() / (n - 1.0);
-        format!("{mean:.digits$} ± {:.digits$}", variance.sqrt())
+        let values: Vec<f64> = self.runs.iter().map(|run| value(&run.scores)).collect();
+        let deviation = standard_deviation(&values).map_or_else(String::new, |one| format!(" ± {one:.digits$}"));
+        format!("{:.digits$}{deviation}", mean(&values))
     }
 }
 

@@ -10,7 +10,6 @@ use supertwin_lab::Library;
 use supertwin_operations::OperationError;
 use supertwin_operations::service_board::{ServiceBoard, ServiceLine};
 
-/// Arguments of `top`.
 #[derive(Debug, Args)]
 #[command(mut_arg("json", |json| json.help("Print one JSON object per snapshot")))]
 #[command(after_help = "Examples:

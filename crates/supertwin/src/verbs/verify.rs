@@ -8,9 +8,8 @@ use std::process::{Command, ExitCode};
 use std::sync::atomic::Ordering;
 use supertwin_lab::Library;
 use supertwin_operations::OperationError;
-use supertwin_operations::verify::{self, PlacementCheck, Process, VerifyOptions, WITNESS};
+use supertwin_operations::verify::{self, PlacementCheck, ServiceProcess, VerifyOptions, WITNESS};
 
-/// Arguments of `verify`.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   supertwin verify                               the paper's three trials, 60 s each
@@ -50,7 +49,7 @@ pub(crate) fn verify(arguments: &VerifyArguments, library: &Library) -> Result<E
     let trials = arguments.trials.load(library)?;
     let program = std::env::current_exe()
         .map_err(|cause| OperationError::Option(format!("this program can't be found: {cause}")))?;
-    let command = |process: &Process<'_>| {
+    let command = |process: Option<&ServiceProcess<'_>>| {
         let mut command = Command::new(&program);
         command.args(words(process, library));
         command
@@ -67,12 +66,12 @@ pub(crate) fn verify(arguments: &VerifyArguments, library: &Library) -> Result<E
 }
 
 /// The words of this program that start a process.
-fn words(process: &Process<'_>, library: &Library) -> Vec<String> {
+fn words(process: Option<&ServiceProcess<'_>>, library: &Library) -> Vec<String> {
     let mut words = vec!["--config".to_owned(), library.root.display().to_string()];
     for set in &library.overrides {
         words.extend(["--set".to_owned(), set.text.clone()]);
     }
-    let Process::Service(process) = process else {
+    let Some(process) = process else {
         words.extend(["serve", "router", "--listen", "tcp/127.0.0.1:0", "--json"].map(str::to_owned));
         return words;
     };

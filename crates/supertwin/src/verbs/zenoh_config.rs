@@ -8,11 +8,10 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use supertwin_operations::OperationError;
 use supertwin_operations::save;
-use supertwin_operations::zenoh_settings::{self, SettingsOptions};
+use supertwin_operations::zenoh_settings;
 use supertwin_protocol::access::{self, AccessRow};
 use supertwin_protocol::role::Role;
 
-/// Arguments of `zenoh-config`.
 #[derive(Debug, Args)]
 #[command(after_help = "Examples:
   supertwin zenoh-config vehicle --vehicle argus-mini --credentials pki/argus-mini --out router.json5
@@ -81,27 +80,15 @@ pub(crate) fn zenoh_config(arguments: &ZenohConfigArguments) -> Result<ExitCode,
         return Ok(ExitCode::SUCCESS);
     };
     let vehicle = arguments.vehicle.clone().unwrap_or_default();
-    let options = SettingsOptions {
-        role,
-        vehicle: vehicle.clone(),
-        listen: arguments.listen.clone(),
-        connect: arguments.connect.clone(),
-        credentials: arguments.credentials.clone(),
-    };
-    let text = zenoh_settings::settings(&options)?;
+    let credentials = arguments.credentials.as_deref();
+    let text = zenoh_settings::settings(role, &vehicle, &arguments.listen, &arguments.connect, credentials)?;
     let Some(out) = &arguments.out else {
-        terminal::print(
-            if arguments.json { json!({ "text": text }).to_string() } else { text.trim_end().to_owned() }.as_str(),
-        );
+        terminal::print_result(arguments.json, &json!({ "text": text }), || text.trim_end().to_owned());
         return Ok(ExitCode::SUCCESS);
     };
     save(out, text.as_bytes(), arguments.force)?;
     let written = json!({ "file": out, "role": role, "vehicle": vehicle });
-    terminal::print(&if arguments.json {
-        written.to_string()
-    } else {
-        format!("{}: {role} of {vehicle}", out.display())
-    });
+    terminal::print_result(arguments.json, &written, || format!("{}: {role} of {vehicle}", out.display()));
     Ok(ExitCode::SUCCESS)
 }
 

@@ -1,6 +1,6 @@
 //! The comparison as tables, for a terminal or in Markdown.
 
-use crate::terminal::{aligned, framed_table};
+use crate::terminal::{aligned, count, framed_table};
 use comfy_table::Table;
 use comfy_table::presets::ASCII_MARKDOWN;
 use std::collections::{BTreeMap, BTreeSet};
@@ -43,12 +43,8 @@ fn heading(comparison: &Comparison) -> String {
         0 => String::new(),
         n => format!("; {n} could not be used"),
     };
-    format!(
-        "{runs} run{}, {groups} group{}{against}; {} from {zero}{unusable}.",
-        plural(runs),
-        plural(groups),
-        windows(comparison)
-    )
+    let (runs, groups) = (count(runs, "run", "runs"), count(groups, "group", "groups"));
+    format!("{runs}, {groups}{against}; {} from {zero}{unusable}.", windows(comparison))
 }
 
 /// The seconds that are compared; group by group when they are not the same.
@@ -66,10 +62,6 @@ fn windows(comparison: &Comparison) -> String {
         .iter()
         .map(|group| format!("{}: {}", group.name, of_group(group).into_iter().collect::<Vec<_>>().join(" and ")));
     format!("each where its trial scores it ({}; --window makes them equal)", groups.collect::<Vec<_>>().join(", "))
-}
-
-fn plural(n: usize) -> &'static str {
-    if n == 1 { "" } else { "s" }
 }
 
 fn table(header: Vec<String>, markdown: bool) -> Table {
@@ -170,10 +162,7 @@ fn careful(comparison: &Comparison) -> String {
 }
 
 fn limits(comparison: &Comparison, markdown: bool) -> String {
-    let mut counts = BTreeMap::<Outcome, usize>::new();
-    let outcomes = comparison.runs.iter().filter_map(|run| run.outcome);
-    outcomes.for_each(|outcome| *counts.entry(outcome).or_default() += 1);
-    let count = |outcome| counts.get(&outcome).copied().unwrap_or(0);
+    let count = |outcome| comparison.runs.iter().filter(|run| run.outcome == Some(outcome)).count();
     let mut text = format!(
         "{} passed, {} failed, {} invalid; {} could not be used.",
         count(Outcome::Pass),
