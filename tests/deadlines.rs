@@ -60,8 +60,7 @@ impl Vehicle {
             witnesses: Vec::new(),
             faults: None,
             patience: Duration::MAX,
-            keep_digests: false,
-            rejoins: false,
+            one_process: true,
         };
         let placement = Placement::new(options, &Library::new(CONFIG, Vec::new())).expect("is legal");
         assert_eq!(placement.tick_s() * 1e3, TICK_MS as f64);
@@ -80,9 +79,7 @@ impl Vehicle {
             [HostedService::Plant, HostedService::Estimator, HostedService::Guidance, HostedService::Controller];
         let engine = |service| {
             let (mailbox, stop) = (Arc::new(Mailbox::default()), Arc::new(AtomicBool::new(false)));
-            let mut engine = Engine::new(Arc::clone(&mailbox), Arc::clone(&shared), stop, placement.tick_s());
-            placement.host(service, &session, &mailbox, &shared, &mut engine).expect("keys are free");
-            engine
+            placement.host(&[service], &session, &mailbox, &shared, &stop).expect("keys are free")
         };
         let engines = SERVICES.into_iter().zip(hosted.map(engine)).collect();
         let mut vehicle = Self { clock, session, engines, silent: None, events, _listens: listens };

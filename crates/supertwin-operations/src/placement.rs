@@ -108,7 +108,8 @@ impl Placement {
     }
 
     /// Length of a tick in simulated seconds.
-    fn tick_s(&self) -> f64 {
+    #[must_use]
+    pub fn tick_s(&self) -> f64 {
         self.trial.trial.tick_s.get()
     }
 
