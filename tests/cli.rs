@@ -1,14 +1,9 @@
 //! The command line as a user meets it: real processes, real files, real signals.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
-use crate::support::{CONFIG, Place, assert_says, until_written};
+use crate::support::{CONFIG, Place, assert_says, files_in, until_written};
 use serde_json::json;
-use std::path::Path;
 use supertwin_rerun::read;
-
-fn is_empty(folder: &Path) -> bool {
-    std::fs::read_dir(folder).unwrap().next().is_none()
-}
 
 #[test]
 fn the_three_trials_of_the_paper_leave_three_recordings_and_the_table() {
@@ -56,7 +51,7 @@ fn seeds_are_counted_up_and_summarised() {
     assert!(seeds.eq([1, 2, 3]), "{done}");
     let table = place.call(&arguments).out;
     assert!(table.contains("over 3 seeds") && table.contains('±'), "{table}");
-    assert!(is_empty(place.path()), "nothing is written");
+    assert!(files_in(place.path()).is_empty(), "nothing is written");
 }
 
 #[test]
@@ -74,7 +69,7 @@ fn bad_input_is_named_exits_with_two_and_writes_nothing() {
         ("--seed 1 --seeds 2", "cannot be used with"),
     ] {
         let done = place.call(&[&["run"][..], &arguments.split(' ').collect::<Vec<_>>()].concat()).refused(expected);
-        assert!(done.out.is_empty() && is_empty(place.path()), "{arguments:?} wrote something");
+        assert!(done.out.is_empty() && files_in(place.path()).is_empty(), "{arguments:?} wrote something");
     }
 }
 
@@ -125,9 +120,7 @@ fn ctrl_c_closes_the_recording() {
         std::fs::metadata(&path).ok().filter(|file| file.len() > 4_000_000)
     });
     process.signal("INT");
-    let done = process.finish();
-    assert_eq!(done.code, Some(130), "{}", done.err);
-    assert!(done.err.contains("interrupted"), "{}", done.err);
+    process.finish().ends(130, "interrupted");
     let recording = read(&path).unwrap();
     assert!(recording.complete, "the footer is there");
     let rows = &recording.signals["tracking/depth"].tick;
@@ -156,7 +149,7 @@ fn check_prints_what_was_understood_with_units() {
 #[test]
 fn help_has_examples_and_a_closed_pipe_is_no_error() {
     let place = Place::new();
-    for verb in ["run", "check"] {
+    for verb in ["run", "check", "sweep"] {
         let help = place.call(&[verb, "--help"]).out;
         assert!(help.contains("Examples:") && help.contains("Exit status"), "{help}");
     }

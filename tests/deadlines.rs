@@ -50,17 +50,11 @@ impl Vehicle {
         let place = Place::new();
         let options = PlacementOptions {
             trial: following(place.path()),
-            controller: None,
-            seed: None,
             pace: Pace::RealTime(1.0),
-            duration_s: None,
             mission: true,
-            run: None,
-            telemetry_every: 0,
-            witnesses: Vec::new(),
-            faults: None,
             patience: Duration::MAX,
             one_process: true,
+            ..PlacementOptions::default()
         };
         let placement = Placement::new(options, &Library::new(CONFIG, Vec::new())).expect("is legal");
         assert_eq!(placement.tick_s() * 1e3, TICK_MS as f64);

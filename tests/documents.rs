@@ -13,20 +13,9 @@ const TOP: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../..");
 
 /// Every Markdown file of the repository's own, from the top level.
 fn pages() -> Vec<PathBuf> {
-    fn below(folder: &Path, found: &mut Vec<PathBuf>) {
-        for entry in fs::read_dir(folder).unwrap() {
-            let path = entry.unwrap().path();
-            if path.is_dir() {
-                below(&path, found);
-            } else if path.extension().is_some_and(|extension| extension == "md") {
-                found.push(path);
-            }
-        }
-    }
     let named = ["README.md", "ARCHITECTURE.md", "CHANGELOG.md", "config/zenoh/access.md"];
-    let mut found = named.map(|name| Path::new(TOP).join(name)).to_vec();
-    below(Path::new(BOOK), &mut found);
-    found
+    let named = named.map(|name| Path::new(TOP).join(name)).into_iter();
+    named.chain(glob::glob(&format!("{BOOK}/**/*.md")).unwrap().map(Result::unwrap)).collect()
 }
 
 /// Lines outside of code.

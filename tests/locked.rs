@@ -3,19 +3,13 @@
 
 use crate::support::console::{Script, Step, steps};
 use crate::support::python::environment_with;
-use crate::support::{CONFIG, Place};
+use crate::support::{CONFIG, Place, free_port};
 use std::path::Path;
 
 const PAGE: &str = include_str!("../docs/src/tutorials/locked.md");
 const TOP: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../..");
 /// Where the tutorial's vehicle is.
 const ADDRESS: &str = "192.168.2.2";
-
-/// A free port of this machine, for those who can't have a network of their own.
-fn free_port() -> u16 {
-    let listener = std::net::TcpListener::bind("127.0.0.1:0").expect("a port");
-    listener.local_addr().expect("is bound").port()
-}
 
 #[test]
 fn the_commands_of_the_tutorial_lock_a_vehicle_and_steer_it_from_python() {
@@ -31,7 +25,8 @@ fn the_commands_of_the_tutorial_lock_a_vehicle_and_steer_it_from_python() {
     let packages: Vec<&str> = commands.iter().filter_map(|line| line.strip_prefix("pip install ")).collect();
     let python = environment_with("python-clients", &packages).join("bin");
     let mut script = Script::new(&format!("{}:{}", place.bin(&format!("--config '{CONFIG}'")), python.display()));
-    let (port, apart) = (free_port(), script.is_apart());
+    // Those who can not have a network of their own need a free port.
+    let (port, apart) = (free_port(), script.apart.is_some());
     let here = |line: &str| {
         if apart {
             return line.to_owned();

@@ -2,7 +2,9 @@
 
 mod restarts;
 
-use crate::support::{CONFIG, Cable, Events, Listener, Place, Process, Proxy, SERVICES, following, listening};
+use crate::support::{
+    CONFIG, Cable, Events, Listener, Place, Process, Proxy, ROV, SERVICES, files_in, following, listening,
+};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -10,9 +12,6 @@ use std::time::Duration;
 use supertwin_protocol::lease::LeaseAction;
 use supertwin_zenoh::Link;
 use supertwin_zenoh::session::exposures;
-
-/// The vehicle's name in these tests.
-const ROV: &str = "rov";
 
 /// A vehicle with its router and its services; guidance may stand elsewhere.
 struct Vehicle {
@@ -91,17 +90,9 @@ fn travels(listener: &Listener) {
     });
 }
 
-fn until_status(listener: &Listener, wanted: &str) {
-    let what = format!("the controller's status {wanted}");
-    listener.until(&what, |key, value| key == "telemetry/controller" && label(value, "controller/status") == wanted);
-}
-
 /// Until the controller brakes by itself: by its own ticks when its reference is older than half a second, and not before.
 fn until_fallback(listener: &Listener) {
-    listener.until("the controller to fall back", |key, value| {
-        if key != "telemetry/controller" {
-            return false;
-        }
+    listener.until_on("telemetry/controller", "the controller to fall back", |value| {
         let reference = &value["data"]["used"]["guidance/reference"][0];
         let [tick, made_at] = [&value["tick"], reference].map(|tick| tick.as_u64().expect("a tick"));
         let (status, age) = (label(value, "controller/status"), tick - made_at);
@@ -115,10 +106,7 @@ fn until_fallback(listener: &Listener) {
 /// that was sent is seen. What happens in half a second of which a plant that was late has sent nothing does not count.
 fn stays_bounded(listener: &Listener, ticks: u64) -> f64 {
     let (mut passed, mut before, mut fastest_at_the_end) = (0, None, 0.0_f64);
-    listener.until("the ticks to pass", |key, value| {
-        if key != "plant/truth" {
-            return false;
-        }
+    listener.until_on("plant/truth", "the ticks to pass", |value| {
         let [tick, seq] = ["tick", "seq"].map(|name| value[name].as_u64().expect("a number"));
         if let Some((last_tick, last_seq)) = before.replace((tick, seq)) {
             assert_eq!(seq, last_seq + 1, "truth is lost before tick {tick}");
@@ -138,12 +126,11 @@ fn stays_bounded(listener: &Listener, ticks: u64) -> f64 {
 
 /// What was sent, received and missed on a wire agrees, by the receiver's account.
 fn ledger(listener: &Listener, service: &str, wire: &str) -> Value {
-    let (health, _) = listener.until("health", |key, value| {
-        key == format!("health/{service}") && value["inputs"][wire]["received"].as_u64() > Some(0)
-    });
+    let heard = |value: &Value| value["inputs"][wire]["received"].as_u64() > Some(0);
+    let (health, _) = listener.until_on(&format!("health/{service}"), "health", heard);
     let account = health["inputs"][wire].clone();
     let count = |name: &str| account[name].as_u64().expect("a count");
-    let (first, last) = (account["seq"][0].as_u64().expect("first"), account["seq"][1].as_u64().expect("last"));
+    let [first, last] = [0, 1].map(|i| account["seq"][i].as_u64().expect("a number"));
     assert_eq!(count("received") + count("missing"), last - first + 1, "{service} on {wire}: {account}");
     account
 }
@@ -151,10 +138,7 @@ fn ledger(listener: &Listener, service: &str, wire: &str) -> Value {
 #[test]
 fn guidance_topside_of_a_cut_tether_the_vehicle_brakes_and_holds_by_itself() {
     let cable = Cable::lay();
-    let (vehicle_side, topside) = match &cable {
-        Some(cable) => (Some(cable.vehicle.as_str()), Some(cable.topside.as_str())),
-        None => (None, None),
-    };
+    let (vehicle_side, topside) = cable.as_ref().map(|cable| (&*cable.vehicle, &*cable.topside)).unzip();
     let address = cable.as_ref().map_or("127.0.0.1".to_owned(), Cable::address);
     let mut vehicle = Vehicle::start(vehicle_side, &address);
     let beside = vehicle.listen().listen("plant/truth").listen("telemetry/controller").listen("health/*");
@@ -184,10 +168,9 @@ fn guidance_topside_of_a_cut_tether_the_vehicle_brakes_and_holds_by_itself() {
     diver.lease(LeaseAction::Release, 0.0).expect("is given back");
     let at_rest = stays_bounded(&beside, 150);
     assert!(at_rest < 0.35, "brakes: {at_rest} m/s, waves included");
-    let unheard = unheard.finish();
-    assert!(unheard.code == Some(2) && unheard.err.contains(&format!("no router at {endpoint}")), "{unheard:?}");
+    unheard.finish().refused(&format!("no router at {endpoint}"));
     plug(true);
-    until_status(&beside, "tracking");
+    beside.until_status("tracking");
     travels(&beside);
     let state = call(&["get", "speed_m_per_s"]).finish().well().json();
     assert_eq!(state["value"]["constant"], 0.15, "what could not be said has changed nothing: {state}");
@@ -214,11 +197,8 @@ fn guidance_topside_of_a_cut_tether_the_vehicle_brakes_and_holds_by_itself() {
     listener.until("the events of the cut and of what came after it", |line| {
         let said: Value = serde_json::from_str(line).expect("JSON");
         events.enter(said["key"].as_str().expect("a key"), &said["value"]);
-        let all = events.outages() >= 1
-            && ["thruster_gain", r#"{"constant":0.2}"#]
-                .iter()
-                .all(|words| events.texts.iter().any(|text| applied(words)(&text)));
-        all.then_some(())
+        let has = |words| events.texts.iter().any(|text| applied(words)(&text));
+        (events.outages() >= 1 && has("thruster_gain") && has(r#"{"constant":0.2}"#)).then_some(())
     });
     events.are_complete(&SERVICES);
     let obeyed = events.texts.iter().filter(applied("speed_m_per_s")).count();
@@ -239,14 +219,14 @@ fn a_tether_that_is_cut_stalls_and_lags_by_proxy() {
         until_fallback(&beside);
         stays_bounded(&beside, 150);
         outage(&proxy, false);
-        until_status(&beside, "tracking");
+        beside.until_status("tracking");
         travels(&beside);
     }
 
     proxy.delay(Duration::from_millis(200));
     stays_bounded(&beside, 200);
     proxy.delay(Duration::ZERO);
-    until_status(&beside, "tracking");
+    beside.until_status("tracking");
     travels(&beside);
     ledger(&beside, "controller", "guidance/reference");
     let topside_account = ledger(&beside, "guidance", "estimator/nav");
@@ -315,8 +295,7 @@ fn verify_says_yes_to_the_ring_and_a_service_that_comes_later_ends_a_lock_step_r
     let mut services: Vec<Process> = ["plant", "estimator", "guidance", "controller"].map(start).into();
     beside.until("the ring to run", |_, value| value["tick"].as_u64() > Some(20));
     services[1].kill();
-    let second = start("estimator").finish();
-    assert!(second.code == Some(1) && second.err.contains("nobody can join"), "{second:?}");
+    start("estimator").finish().ends(1, "nobody can join");
     for service in [0, 2, 3] {
         assert_eq!(services[service].finish().code, Some(1), "and the others end with it");
     }
@@ -360,26 +339,22 @@ fn a_thin_tether_thins_telemetry_and_nothing_else() {
     let mut pilot = topside.client("pilot");
     pilot.acquire(10.0).expect("is granted");
     let tick = pilot.command("guidance", "depth_m", json!(4.5), None).expect("is scheduled");
-    let (event, _) = topside.until("the command's event", |key, value| {
+    let (event, _) = topside.until_on("event/guidance", "the command's event", |value| {
         let what = &value["data"]["what"];
-        key == "event/guidance" && what["kind"] == "command_applied" && what["command"]["by"]["client"] == "pilot"
+        what["kind"] == "command_applied" && what["command"]["by"]["client"] == "pilot"
     });
     assert_eq!(event["tick"].as_u64(), Some(tick), "at the tick that was promised");
 }
 
 #[test]
 fn every_shipped_zenoh_file_is_legal_and_exposes_nothing() {
-    let folder = Path::new(CONFIG).join("zenoh");
-    let mut seen = 0;
-    for entry in std::fs::read_dir(folder).expect("exists").flatten() {
-        if entry.path().extension().is_some_and(|extension| extension == "md") {
-            continue;
-        }
-        let link = Link { file: Some(entry.path()), ..Link::default() };
+    let mut files = files_in(&Path::new(CONFIG).join("zenoh"));
+    files.retain(|file| file.extension().is_none_or(|extension| extension != "md"));
+    for file in &files {
+        let link = Link { file: Some(file.clone()), ..Link::default() };
         link.config().unwrap_or_else(|error| panic!("{error}"));
         let settings = link.settings().expect("legal");
-        assert!(exposures(&settings).is_empty(), "{}: {:?}", entry.path().display(), exposures(&settings));
-        seen += 1;
+        assert!(exposures(&settings).is_empty(), "{}: {:?}", file.display(), exposures(&settings));
     }
-    assert!(seen >= 5, "only {seen} files");
+    assert!(files.len() >= 5, "only {files:?}");
 }

@@ -2,36 +2,20 @@
 
 mod complete;
 
-use crate::support::{Listener, Place, Process, Proxy, SERVICES, following, listening, python};
+use crate::support::{Listener, Place, Process, Proxy, ROV, SERVICES};
+use crate::support::{files_in, following, free_port, listening, python, recording_in};
 use serde_json::Value;
 use std::collections::BTreeSet;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::{PoisonError, RwLock, RwLockReadGuard};
 use supertwin_core::Property;
 use supertwin_rerun::{Recording, read};
 
-/// The vehicle's name in these tests.
-const ROV: &str = "rov";
 /// Held by tests that share the processors; those that need all of a dev build's speed have them for themselves.
 static PROCESSORS: RwLock<()> = RwLock::new(());
 
 fn shared() -> RwLockReadGuard<'static, ()> {
     PROCESSORS.read().unwrap_or_else(PoisonError::into_inner)
-}
-
-/// The only recording in `folder`, without its further parts.
-fn recording_in(folder: &Path) -> PathBuf {
-    let files = files_in(folder);
-    let firsts: Vec<&PathBuf> = files.iter().filter(|path| !path.display().to_string().contains(".part")).collect();
-    assert_eq!(firsts.len(), 1, "{files:?}");
-    firsts[0].clone()
-}
-
-fn files_in(folder: &Path) -> Vec<PathBuf> {
-    let mut files: Vec<PathBuf> =
-        std::fs::read_dir(folder).expect("a folder").map(|entry| entry.expect("an entry").path()).collect();
-    files.sort();
-    files
 }
 
 /// A vehicle in real time, with its router.
@@ -51,9 +35,8 @@ impl Vehicle {
         Self { place, _up: up, tcp }
     }
 
-    fn record(&self, folder: &str, more: &[&str]) -> Process {
-        let words = ["record", "--json", "--vehicle", ROV, "--out", folder, "--connect", &self.place.socket];
-        let words: Vec<&str> = if more.contains(&"--connect") { words[..6].to_vec() } else { words.to_vec() };
+    fn record(&self, folder: &str, router: &str, more: &[&str]) -> Process {
+        let words = ["record", "--json", "--vehicle", ROV, "--out", folder, "--connect", router];
         self.place.start(&[&words, more].concat())
     }
 
@@ -76,9 +59,9 @@ fn numbers_of(recording: &Recording, service: &str) -> Vec<i64> {
 /// Waits until `ticks` more have passed at `key`.
 fn pass(listener: &Listener, key: &str, ticks: i64) {
     let mut end = None;
-    listener.until("ticks to pass", |heard, value| {
+    listener.until_on(key, "ticks to pass", |value| {
         let tick = value["tick"].as_i64().unwrap_or_default();
-        heard == key && tick >= *end.get_or_insert(tick + ticks)
+        tick >= *end.get_or_insert(tick + ticks)
     });
 }
 
@@ -90,9 +73,8 @@ fn source(recorder: &Process) -> String {
 /// Waits until a recorder that has just been started has said that some of its run is in its file.
 fn until_saved(listener: &Listener, recorder: &Process) {
     let source = source(recorder);
-    listener.until("that something is saved", |key, value| {
-        key == "health/recorder" && value["source"] == source && value["steps"].as_u64() > Some(0)
-    });
+    let is_saved = |value: &Value| value["source"] == source && value["steps"].as_u64() > Some(0);
+    listener.until_on("health/recorder", "that something is saved", is_saved);
 }
 
 /// Waits until `recorder` has said that it writes.
@@ -119,7 +101,7 @@ fn a_recorder_that_is_killed_loses_at_most_the_last_second() {
     let listener = vehicle.listen().listen("telemetry/plant").listen("health/recorder");
     let victim = |i: usize| {
         let folder = format!("k{i}");
-        let process = vehicle.record(&folder, &[]);
+        let process = vehicle.record(&folder, &vehicle.place.socket, &[]);
         let source = source(&process);
         let folder = vehicle.folder(&folder);
         Victim { process, source, folder, said: Vec::new(), moments: Vec::new(), left: Vec::new() }
@@ -181,7 +163,7 @@ fn a_recorder_that_was_cut_off_fetches_what_the_services_kept_and_names_the_rest
     let _beside = shared();
     let vehicle = Vehicle::up(&[]);
     let proxy = Proxy::before(&vehicle.tcp);
-    let mut recorder = vehicle.record("cut", &["--connect", &proxy.endpoint()]);
+    let mut recorder = vehicle.record("cut", &proxy.endpoint(), &[]);
     until_recording(&recorder);
     let listener = vehicle.listen().listen("telemetry/plant").events();
     let passes = |ticks| pass(&listener, "telemetry/plant", ticks);
@@ -229,11 +211,11 @@ fn a_recorder_that_is_started_again_goes_on_in_a_second_part() {
     let vehicle = Vehicle::up(&[]);
     let listener = vehicle.listen().listen("telemetry/plant").listen("health/recorder");
     let passes = || pass(&listener, "telemetry/plant", 100);
-    let mut first = vehicle.record("parts", &[]);
+    let mut first = vehicle.record("parts", &vehicle.place.socket, &[]);
     until_saved(&listener, &first);
     first.kill();
     passes();
-    let mut second = vehicle.record("parts", &[]);
+    let mut second = vehicle.record("parts", &vehicle.place.socket, &[]);
     until_saved(&listener, &second);
     passes();
     second.signal("INT");
@@ -255,7 +237,7 @@ fn parts_are_closed_by_time_and_each_is_complete_in_itself() {
     // Five times real time is as much as a dev build of the recorder can do by itself.
     let _alone = PROCESSORS.write().unwrap_or_else(PoisonError::into_inner);
     let vehicle = Vehicle::up(&["--rtf", "5"]);
-    let mut recorder = vehicle.record("long", &["--part-min", "0.03"]);
+    let mut recorder = vehicle.record("long", &vehicle.place.socket, &["--part-min", "0.03"]);
     for _ in 0..3 {
         recorder.until("that a part is closed", |line| line.contains("\"closed\"").then_some(()));
     }
@@ -292,9 +274,8 @@ fn a_full_disk_is_an_alarm_and_what_was_written_stays_readable() {
     );
     let recorder = vehicle.place.start_shell(&line);
     until_recording(&recorder);
-    let (alarm, _) = listener.until("the alarm", |key, value| {
-        key == "event/recorder" && value["data"]["what"]["kind"] == "recording_failed"
-    });
+    let is_alarm = |value: &Value| value["data"]["what"]["kind"] == "recording_failed";
+    let (alarm, _) = listener.until_on("event/recorder", "the alarm", is_alarm);
     assert_eq!(alarm["data"]["severity"], "error");
     // It tries again by itself, in another part.
     recorder.until("that it records again", |line| line.contains("part2").then_some(()));
@@ -350,12 +331,10 @@ fn a_live_view_is_served_beside_the_recording_and_says_how_to_open_it() {
     let got = place.path().join("got.rrd");
     let mut command = place.command(python::viewer(&environment).to_str().expect("a path"));
     // It listens as well; its usual port may be taken.
-    let port = std::net::TcpListener::bind("127.0.0.1:0").and_then(|free| free.local_addr()).expect("a port").port();
-    let viewer = Process::start(command.args([url, "--port", &port.to_string(), "--save"]).arg(&got));
+    let viewer = Process::start(command.args([url, "--port", &free_port().to_string(), "--save"]).arg(&got));
     up.finish().well();
     drop(viewer);
-    let (seen, kept) =
-        (read(&got).expect("is read"), read(&recording_in(&place.path().join("live"))).expect("is read"));
+    let [seen, kept] = [got, recording_in(&place.path().join("live"))].map(|file| read(&file).expect("is read"));
     let of = |recording: &Recording| recording.signals["plant/truth/pose"].clone();
     assert!(kept.complete && of(&seen).tick.len() > 200, "{} ticks were seen", of(&seen).tick.len());
     for (row, tick) in of(&seen).tick.iter().enumerate() {

@@ -1,14 +1,12 @@
 //! Certificates that end while everything runs, over real TLS: their links close, the renewed ones are back by themselves,
 //! and no event is lost.
 
-use crate::support::{Events, LIMIT, Listener, Place, Process, Proxy, SERVICES, following, listening};
+use crate::support::{Events, LIMIT, Listener, Place, Process, Proxy, ROV, SERVICES, following, listening};
 use serde_json::json;
 use std::cell::RefCell;
 use std::sync::Arc;
 use supertwin_pki as pki;
 use supertwin_zenoh::{Client, Inbox};
-
-const ROV: &str = "rov";
 
 /// A vehicle that is reached by TLS; guidance and a recorder's ears stand topside, behind proxies that count connections.
 struct Split {
@@ -38,14 +36,11 @@ impl Split {
         let tls = listening(&router.json(), "tls");
         let [guidance, ears] = [Proxy::before(&tls), Proxy::before(&tls)];
         let trial = following(place.path());
-        let serve = |service: &str, endpoint: &str, more: &[&str]| {
-            let words = ["serve", service, "--json", "--vehicle", ROV, "--trial", &trial, "--connect", endpoint];
-            place.start(&[&words[..], more].concat())
-        };
-        let mut services: Vec<Process> =
-            ["estimator", "controller", "plant"].iter().map(|service| serve(service, &place.socket, &[])).collect();
+        let near = |service| place.serve_rov(service, &trial, &place.socket, &[]);
+        let mut services: Vec<Process> = ["estimator", "controller", "plant"].map(near).into();
         let beside = Listener::open(&place.socket, ROV).listen("telemetry/controller");
-        services.push(serve("guidance", &guidance.endpoint(), &["--credentials", "pki/topside"]));
+        let credentials = ["--credentials", "pki/topside"];
+        services.push(place.serve_rov("guidance", &trial, &guidance.endpoint(), &credentials));
         let mut presence = Inbox::new(Arc::clone(&beside.clock));
         presence
             .listen_alive(&beside.session, &format!("supertwin/{ROV}/alive/guidance/*"))
@@ -55,7 +50,7 @@ impl Split {
         let far = Listener::open_as(ben, &ears.endpoint(), ROV).events().listen("health/*");
         let split = Self { place, router, tls, guidance, ears, far, beside, pilot, presence, _services: services };
         split.until_guidance_is(true);
-        split.until_tracking();
+        split.beside.until_status("tracking");
         split
     }
 
@@ -79,12 +74,6 @@ impl Split {
         let end = self.beside.clock.now() + LIMIT;
         let seen = std::iter::from_fn(|| self.presence.next(Some(end))).any(|heard| heard.gone != there);
         assert!(seen, "guidance is never {}", if there { "there" } else { "gone" });
-    }
-
-    fn until_tracking(&self) {
-        self.beside.until("the vehicle to follow the net", |key, value| {
-            key == "telemetry/controller" && value["data"]["signals"]["controller/status"] == "tracking"
-        });
     }
 
     /// Waits, and makes events all the while, until `over`: on the vehicle, and of guidance as far as it hears.
@@ -140,7 +129,7 @@ fn certificates_of_clients_that_end_close_their_links_and_the_renewed_ones_are_b
     split.until_both_connect_again(before);
     split.until_guidance_is(false);
     split.until_guidance_is(true);
-    split.until_tracking();
+    split.beside.until_status("tracking");
     nothing_is_lost(&split);
 }
 
@@ -155,18 +144,18 @@ fn a_router_takes_up_its_renewed_certificate_and_one_that_ended_lets_everybody_b
     split.until_guidance_is(false);
     split.until_guidance_is(true);
     split.until_both_connect_again(before);
-    split.until_tracking();
+    split.beside.until_status("tracking");
 
     // Not renewed in time: it closes the links, and nobody believes it any more.
     split.busy_until("its certificate to end", || split.now_s() > end_s);
     split.until_guidance_is(false);
     split.busy_until("the router to say so", || says("has expired: nobody can connect"));
     let late = split.place.call(&["top", "--connect", &split.tls, "--credentials", "pki/ben"]);
-    assert!(late.code == Some(2) && late.err.contains("its certificate has expired"), "{late:?}");
+    late.refused("its certificate has expired");
     split.renew("argus", "60");
     let taken_up = || split.router.errors().matches("in force until").count();
     split.busy_until("the router to take it up", || taken_up() == 2);
-    split.until_tracking();
+    split.beside.until_status("tracking");
     nothing_is_lost(&split);
 }
 
@@ -187,13 +176,10 @@ fn a_stranger_is_told_why_and_a_half_copied_certificate_changes_nothing() {
         place.call(&["list", "--for", "0.2", "--connect", endpoint, "--credentials", credentials])
     };
     list(&tls, "pki/ben").well();
-    let other = list(&tls, "other/ben");
-    assert!(other.code == Some(2) && other.err.contains("of another authority"), "{other:?}");
+    list(&tls, "other/ben").refused("of another authority");
     let port = tls.rsplit_once(':').expect("a port").1;
-    let misnamed = list(&format!("tls/0.0.0.0:{port}"), "pki/ben");
-    assert!(misnamed.code == Some(2) && misnamed.err.contains("does not name this host"), "{misnamed:?}");
-    let none = place.call(&["list", "--for", "0.2", "--connect", &tls]);
-    assert!(none.code == Some(2) && none.err.contains("give --credentials"), "{none:?}");
+    list(&format!("tls/0.0.0.0:{port}"), "pki/ben").refused("does not name this host");
+    place.call(&["list", "--for", "0.2", "--connect", &tls]).refused("give --credentials");
 
     let certificate = place.path().join("pki/argus/argus.pem");
     let whole = std::fs::read(&certificate).expect("is there");

@@ -1,7 +1,8 @@
 //! Replay for real: what was recorded in one process, in lock step and in real time comes back bit for bit; what was tampered
 //! with is found; a what-if is a recording like any other.
 
-use crate::support::{self, CONFIG, Ended, Listener, Place, Process, Proxy, SERVICES, Tamper, following, listening};
+use crate::support::{self, CONFIG, Ended, Listener, Place, Process, Proxy, ROV, SERVICES, Tamper};
+use crate::support::{following, listening, recording_in};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::io::Read;
@@ -10,21 +11,10 @@ use supertwin_core::run::Properties;
 use supertwin_lab::{Library, trial};
 use supertwin_rerun::{Recording, read};
 
-/// The vehicle's name in these tests.
-const ROV: &str = "rov";
-
 /// Runs `trial` in one process and gives its recording.
 fn recorded(place: &Place, trial: &str, more: &[&str]) -> PathBuf {
     place.call(&[&["run", trial, "--out", trial, "--json"], more].concat()).well();
-    only_file(&place.path().join(trial))
-}
-
-/// The only recording in a folder, without its further parts.
-fn only_file(folder: &Path) -> PathBuf {
-    let files = std::fs::read_dir(folder).expect("a folder").map(|entry| entry.expect("an entry").path());
-    let mut files: Vec<PathBuf> = files.filter(|path| !path.display().to_string().contains(".part")).collect();
-    assert_eq!(files.len(), 1, "{files:?}");
-    files.remove(0)
+    recording_in(&place.path().join(trial))
 }
 
 fn replay(place: &Place, file: &Path, more: &[&str]) -> Ended {
@@ -216,7 +206,7 @@ fn a_recording_in_lock_step_repeats_bit_for_bit() {
     let short = ["--set", "trial.duration_s=10", "--set", "trial.score.from_s=2"];
     let words = ["up", "paper-agsta", "--json", "--vehicle", ROV, "--listen", &place.socket, "--pace", "lockstep"];
     place.call(&[&words, &["--record", "net"][..], &short].concat()).well();
-    let file = only_file(&place.path().join("net"));
+    let file = recording_in(&place.path().join("net"));
     let report = verified(&place, &file);
     assert_wholly_compared(&report);
     assert_eq!(report["hash"], true);
@@ -230,9 +220,9 @@ fn a_recording_in_lock_step_repeats_bit_for_bit() {
 
 /// Waits until a service has stepped `ticks` times more, as others hear it.
 fn passes(listener: &Listener, service: &str, ticks: u64) {
-    let (key, mut heard) = (format!("telemetry/{service}"), 0);
-    listener.until(&format!("{service} to step"), |heard_key, _| {
-        heard += u64::from(heard_key == key);
+    let mut heard = 0;
+    listener.until_on(&format!("telemetry/{service}"), &format!("{service} to step"), |_| {
+        heard += 1;
         heard >= ticks
     });
 }
@@ -246,9 +236,7 @@ fn a_recording_in_real_time_with_a_cut_tether_and_a_killed_controller_repeats_bi
     let mut recorder =
         place.start(&["record", "--json", "--once", "--out", "net", "--vehicle", ROV, "--connect", &place.socket]);
     recorder.json();
-    let serve = |service: &str, endpoint: &str| -> Process {
-        place.start(&["serve", service, "--json", "--vehicle", ROV, "--trial", &trial, "--connect", endpoint])
-    };
+    let serve = |service: &str, endpoint: &str| place.serve_rov(service, &trial, endpoint, &[]);
     let topside = proxy.endpoint();
     let mut services: BTreeMap<&str, Process> = BTreeMap::new();
     for service in ["estimator", "guidance", "controller", "plant"] {
@@ -272,7 +260,7 @@ fn a_recording_in_real_time_with_a_cut_tether_and_a_killed_controller_repeats_bi
     recorder.signal("TERM");
     recorder.finish().well();
 
-    let file = only_file(&place.path().join("net"));
+    let file = recording_in(&place.path().join("net"));
     let ended = replay(&place, &file, &["--verify"]);
     let report = ended.json()["verification"].clone();
     assert_eq!((ended.code, &report["equal"]), (Some(0), &Value::from(true)), "{report}");

@@ -13,17 +13,21 @@ fn serve(place: &Place, service: &str, more: &[&str]) -> Process {
     place.start(&[&arguments[..], more].concat())
 }
 
+/// Enters a truth of the vehicle or of its shadow; whether it was one.
+fn enter(key: &str, value: &Value, vehicle: &mut Truths, shadow: &mut Truths) -> bool {
+    let of = match key {
+        "plant/truth" => vehicle,
+        "shadow/plant/truth" => shadow,
+        _ => return false,
+    };
+    of.insert(value["tick"].as_u64().unwrap(), value["data"].clone());
+    true
+}
+
 /// Enters truths of both until `enough`.
 fn compare(listener: &Listener, vehicle: &mut Truths, shadow: &mut Truths, enough: impl Fn(&Truths, &Truths) -> bool) {
-    listener.until("the truths of both", |key, value| {
-        let of = match key {
-            "plant/truth" => &mut *vehicle,
-            "shadow/plant/truth" => &mut *shadow,
-            _ => return false,
-        };
-        of.insert(value["tick"].as_u64().unwrap(), value["data"].clone());
-        enough(vehicle, shadow)
-    });
+    let is_enough = |key: &str, value: &Value| enter(key, value, vehicle, shadow) && enough(vehicle, shadow);
+    listener.until("the truths of both", is_enough);
 }
 
 #[test]
@@ -33,7 +37,7 @@ fn a_shadow_takes_the_thrust_of_its_vehicle_and_never_speaks_in_its_place() {
     router.json();
     let shadow = serve(&place, "shadow", &[]);
     assert_eq!(shadow.json()["serving"], "shadow");
-    let recorder = place.start(&["record", "--json", "--connect", &place.socket, "--out", "recorded"]);
+    let mut recorder = place.start(&["record", "--json", "--connect", &place.socket, "--out", "recorded"]);
     recorder.json();
     let listener = Listener::open(&place.socket, "argus-mini").listen("**");
     // The same trial and seed: what the shadow's model does not know of this vehicle is nothing.
@@ -53,18 +57,12 @@ fn a_shadow_takes_the_thrust_of_its_vehicle_and_never_speaks_in_its_place() {
             let writer = writers.entry(key.to_owned()).or_insert_with(|| source.to_owned());
             assert_eq!(writer, source, "two write {key}");
         }
-        let of = match key {
-            "plant/truth" => &mut vehicle,
-            "shadow/plant/truth" => &mut twin,
-            "telemetry/shadow" => {
-                residual = value["data"]["signals"]["shadow/residual"].as_array().cloned();
-                assert!(value["data"]["signals"].as_object().unwrap().keys().all(|path| path.starts_with("shadow/")));
-                return false;
-            }
-            _ => return false,
-        };
-        of.insert(value["tick"].as_u64().unwrap(), value["data"].clone());
-        common(&vehicle, &twin) > 200 && residual.is_some() && writers.len() == 4
+        if key == "telemetry/shadow" {
+            residual = value["data"]["signals"]["shadow/residual"].as_array().cloned();
+            assert!(value["data"]["signals"].as_object().unwrap().keys().all(|path| path.starts_with("shadow/")));
+        }
+        let is_truth = enter(key, value, &mut vehicle, &mut twin);
+        is_truth && common(&vehicle, &twin) > 200 && residual.is_some() && writers.len() == 4
     });
     for (key, writer) in &writers {
         let its = if key == "plant/measurements" { "plant-" } else { "shadow-" };
@@ -87,7 +85,6 @@ fn a_shadow_takes_the_thrust_of_its_vehicle_and_never_speaks_in_its_place() {
     let listed = place.call(&["list", "--json", "--connect", &place.socket]).well().out;
     assert!(listed.contains("shadow"), "{listed}");
     recorder.signal("INT");
-    let mut recorder = recorder;
     assert_eq!(recorder.finish().code, Some(0));
     let file = std::fs::read_dir(place.path().join("recorded")).unwrap().next().unwrap().unwrap().path();
     let recording = supertwin_rerun::read(&file).unwrap();
@@ -110,9 +107,8 @@ fn a_shadow_that_comes_later_starts_from_its_trial_and_says_how_far_off_it_is() 
     let first = vehicle.last_key_value().map(|(tick, _)| *tick).unwrap();
     compare(&listener, &mut vehicle, &mut shadow, |_, shadow| shadow.len() > 50);
     assert!(shadow.first_key_value().is_some_and(|(tick, _)| *tick >= first), "it follows the vehicle's ticks");
-    let (residual, _) = listener.until("the residual", |key, value| {
-        key == "telemetry/shadow" && value["data"]["signals"]["shadow/residual"].is_array()
-    });
+    let has_residual = |value: &Value| value["data"]["signals"]["shadow/residual"].is_array();
+    let (residual, _) = listener.until_on("telemetry/shadow", "the residual", has_residual);
     let depth_m = residual["data"]["signals"]["shadow/residual"][0].as_f64().unwrap();
     assert!(depth_m < -1.0, "the vehicle is near the surface and its shadow is not: {depth_m}");
 }
@@ -120,6 +116,5 @@ fn a_shadow_that_comes_later_starts_from_its_trial_and_says_how_far_off_it_is() 
 #[test]
 fn a_shadow_in_lock_step_is_refused() {
     let place = Place::new();
-    let refused = place.call(&["serve", "shadow", "--pace", "lockstep"]);
-    assert!(refused.code == Some(2) && refused.err.contains("a shadow follows the vehicle's time"), "{refused:?}");
+    place.call(&["serve", "shadow", "--pace", "lockstep"]).refused("a shadow follows the vehicle's time");
 }

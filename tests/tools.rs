@@ -1,8 +1,12 @@
 //! The operator's tools as an operator meets them: real services in their own process, real calls, real signals.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
-use crate::support::{Ended, Place, Process, SERVICES};
+use crate::support::{Ended, Place, Process, SERVICES, assert_says};
 use serde_json::Value;
+
+fn list(value: &Value) -> &Vec<Value> {
+    value.as_array().unwrap()
+}
 
 /// What the operator's tools need of a place.
 impl Place {
@@ -44,8 +48,7 @@ impl Place {
     /// Findings of the doctor that are not well, as `check: what`.
     fn doctor(&self, code: i32, more: &[&str]) -> Vec<String> {
         let found = self.json(code, &[&["doctor"], more].concat());
-        let found = found.as_array().unwrap().clone();
-        let bad = found.iter().filter(|finding| finding["verdict"] != "ok");
+        let bad = list(&found).iter().filter(|finding| finding["verdict"] != "ok");
         bad.map(|finding| {
             assert!(finding["remedy"].as_str().is_some_and(|remedy| remedy.len() > 10), "{finding}");
             format!("{}: {}", finding["check"].as_str().unwrap(), finding["what"].as_str().unwrap())
@@ -66,8 +69,7 @@ fn commands_apply_are_acknowledged_and_leave_the_authority_free() {
     let several = ["mode", "depth_heading_hold", "depth_m", r#"{"ramp":{"to":4,"over_s":20}}"#, "heading_rad", "-0.5"];
     let parameter = ["controller.law.agsta.beta.surge", "4"];
     let done = place.json(0, &[&["set"], &several[..], &parameter[..]].concat());
-    let ticks: Vec<u64> =
-        done["commands"].as_array().unwrap().iter().map(|one| one["applied_tick"].as_u64().unwrap()).collect();
+    let ticks: Vec<_> = list(&done["commands"]).iter().map(|one| one["applied_tick"].as_u64().unwrap()).collect();
     assert!(ticks.len() == 4 && ticks.iter().all(|tick| *tick == ticks[0]), "one tick for all: {ticks:?}");
 
     assert_eq!(place.json(0, &["get", "controller.law.agsta.beta"])["surge"], 4.0);
@@ -77,9 +79,7 @@ fn commands_apply_are_acknowledged_and_leave_the_authority_free() {
     assert_eq!(all["states"]["guidance"]["mode"]["value"], "depth_heading_hold");
     assert_eq!(all["parameters"]["controller"]["law"]["agsta"]["beta"]["surge"], 4.0);
     let table = place.ask(&["get"]).out;
-    for words in ["authority: nobody", "controller.law.agsta.beta.surge", "depth_heading_hold"] {
-        assert!(table.contains(words), "{words} is missing in\n{table}");
-    }
+    assert_says(&table, &["authority: nobody", "controller.law.agsta.beta.surge", "depth_heading_hold"]);
 
     // What is refused says why, whether it stands alone or among others, and gives the authority back.
     let refused = place.json(1, &["set", "depth_m", "99", "speed_m_per_s", "0.3"]);
@@ -99,10 +99,8 @@ fn commands_apply_are_acknowledged_and_leave_the_authority_free() {
         (2, &["set", "depth_m", "{5"][..], "is no JSON"),
         (2, &["echo", "a//b"][..], "KEY a//b: Invalid Key Expr"),
     ] {
-        let done = place.ask(arguments);
-        let said = &done.err;
-        assert_eq!(done.code, Some(code), "{arguments:?}: {said}");
-        assert!(said.contains(expected) && !said.contains(".rs"), "{arguments:?}: {said}");
+        let said = place.ask(arguments).ends(code, expected).err;
+        assert!(!said.contains(".rs"), "{arguments:?}: {said}");
     }
 }
 
@@ -118,9 +116,7 @@ fn a_command_that_does_not_apply_in_time_is_no_success() {
     let mut set = place.tool(&["set", "depth_m", "4", "--wait", "60"]);
     events.until("the command", |line| line.contains(": depth_m 4 by ").then_some(()));
     set.signal("INT");
-    let done = set.finish();
-    assert_eq!(done.code, Some(130), "{}", done.err);
-    assert!(done.err.contains("interrupted: depth_m 4 applies at tick"), "{}", done.err);
+    set.finish().ends(130, "interrupted: depth_m 4 applies at tick");
     assert!(place.json(0, &["get", "lease"])["holder"].is_null(), "the authority was given back");
 }
 
@@ -148,11 +144,9 @@ fn what_flows_is_listed_shown_and_measured() {
 
     let listed = place.json(0, &["list"]);
     let vehicle = &listed["vehicles"][0];
-    let services: Vec<&str> =
-        vehicle["services"].as_array().unwrap().iter().map(|one| one["service"].as_str().unwrap()).collect();
+    let services: Vec<_> = list(&vehicle["services"]).iter().map(|one| &one["service"]).collect();
     assert_eq!(services, ["controller", "estimator", "guidance", "plant"]);
-    let keys = vehicle["keys"].as_array().unwrap();
-    let nav = keys.iter().find(|flow| flow["key"] == "estimator/nav").unwrap();
+    let nav = list(&vehicle["keys"]).iter().find(|flow| flow["key"] == "estimator/nav").unwrap();
     assert!(nav["writers"][0].as_str().unwrap().starts_with("estimator-"), "{nav}");
 
     let done = place.ask(&["echo", "estimator/nav", "--count", "3", "--json"]);
@@ -175,14 +169,11 @@ fn what_flows_is_listed_shown_and_measured() {
     assert!(messages > 20.0 && rate_hz >= (messages - 1.0) / rates["for_s"].as_f64().unwrap(), "{rates}");
     assert!(nav["jitter_ms"].is_f64() && nav["bytes_per_s"].as_f64().unwrap() > 1000.0, "{nav}");
     assert_eq!((nav["duplicates"].as_u64(), nav["rivals"].as_u64()), (Some(0), Some(0)), "{nav}");
-    let silent = place.ask(&["hz", "nobody/here", "--for", "0.2"]);
-    assert_eq!(silent.code, Some(1));
-    assert!(silent.err.contains("nothing was heard"));
+    place.ask(&["hz", "nobody/here", "--for", "0.2"]).ends(1, "nothing was heard");
 
     let snapshot = place.json(0, &["top"]);
-    let lines = snapshot["services"].as_array().unwrap();
-    assert_eq!(lines.len(), 4);
-    for line in lines {
+    assert_eq!(list(&snapshot["services"]).len(), 4);
+    for line in list(&snapshot["services"]) {
         assert_eq!((&line["status"], line["health"]["run"].as_str()), (&"up".into(), Some("this")), "{line}");
         assert!(line["rate_hz"].as_f64().unwrap() > 10.0, "{line}");
     }
@@ -206,18 +197,14 @@ fn what_flows_is_listed_shown_and_measured() {
 fn the_vehicle_is_the_only_one_or_has_to_be_named() {
     let place = Place::new();
     let _router = place.router();
-    let nobody = place.ask(&["get"]);
-    assert_eq!(nobody.code, Some(1));
-    assert!(nobody.err.contains("start one with `supertwin up`"), "{}", nobody.err);
+    place.ask(&["get"]).ends(1, "start one with `supertwin up`");
     assert_eq!(place.json(0, &["list"])["vehicles"], Value::Array(Vec::new()));
 
     let one = ["serve", "estimator", "--connect", &place.socket, "--vehicle"];
     let _anna = place.started(&[&one[..], &["anna"]].concat());
     assert_eq!(place.json(0, &["get"])["vehicle"], "anna");
     let _ben = place.started(&[&one[..], &["ben"]].concat());
-    let which = place.ask(&["get"]);
-    assert_eq!(which.code, Some(2));
-    assert!(which.err.contains("anna, ben are up: say which"), "{}", which.err);
+    place.ask(&["get"]).refused("anna, ben are up: say which");
     assert_eq!(place.json(0, &["get", "--vehicle", "ben"])["vehicle"], "ben");
 }
 
@@ -227,9 +214,7 @@ fn the_doctor_finds_nothing_when_all_is_well_and_a_second_controller_when_there_
     let _up = place.up(&[]);
     assert_eq!(place.doctor(0, &[]), Vec::<String>::new());
     let said = place.ask(&["doctor"]).out;
-    for words in ["ok       router", "ok       clock: the vehicle's is", "ok       versions"] {
-        assert!(said.contains(words), "{words} is missing in\n{said}");
-    }
+    assert_says(&said, &["ok       router", "ok       clock: the vehicle's is", "ok       versions"]);
     let _rival = place.serve("controller");
     let found = place.doctor(1, &[]);
     assert!(found.iter().any(|text| text.contains("write the same keys") && text.contains("controller-")), "{found:?}");
@@ -257,19 +242,15 @@ fn the_doctor_finds_what_is_missing_and_a_service_that_went_is_gone() {
     assert!(!found.iter().any(|text| text.starts_with("access")), "{found:?}");
 
     let top = place.tool(&["top", "--json", "--count", "1000"]);
-    let status = |snapshot: &Value, service: &str| {
-        let line = snapshot["services"].as_array().unwrap().iter().find(|line| line["service"] == service).cloned();
-        line.unwrap()["status"].as_str().unwrap().to_owned()
+    let snapshot = || {
+        let services = list(&top.json()["services"]).clone();
+        let status = |service| services.iter().find(|line| line["service"] == service).unwrap()["status"].clone();
+        ["plant", "estimator"].map(status)
     };
-    assert_eq!(status(&top.json(), "plant"), "up");
+    assert_eq!(snapshot()[0], "up");
     drop(plant);
-    let gone = loop {
-        let snapshot = top.json();
-        if status(&snapshot, "plant") != "up" {
-            break snapshot;
-        }
-    };
-    assert_eq!((status(&gone, "plant").as_str(), status(&gone, "estimator").as_str()), ("gone", "up"));
+    let gone = std::iter::repeat_with(snapshot).find(|[plant, _]| plant != "up").unwrap();
+    assert_eq!(gone, ["gone", "up"]);
     drop(router);
 }
 
@@ -278,9 +259,8 @@ fn the_doctor_finds_settings_that_are_dangerous_or_can_not_be_used() {
     let place = Place::new();
     let _up = place.up(&[]);
     let file = |name: &str, body: &str| {
-        let path = place.path().join(name);
-        std::fs::write(&path, body).unwrap();
-        path.display().to_string()
+        std::fs::write(place.path().join(name), body).unwrap();
+        place.path().join(name).display().to_string()
     };
     let discovery = file("d.json5", "{ mode: 'client', scouting: { multicast: { enabled: true } } }");
     let found = place.doctor(1, &["--zenoh", &discovery]);
@@ -294,9 +274,8 @@ fn the_doctor_finds_settings_that_are_dangerous_or_can_not_be_used() {
     let named = |path: &str| format!("{{ transport: {{ link: {{ tls: {{ root_ca_certificate: '{path}' }} }} }} }}");
     let found = place.doctor(1, &["--zenoh", &file("c.json5", &named("/nowhere/ca.pem"))]);
     assert_eq!(found.len(), 1, "{found:?}");
-    for words in ["certificates: /nowhere/ca.pem", "No such file", "transport/link/tls/root_ca_certificate"] {
-        assert!(found[0].contains(words), "{words} is missing in {found:?}");
-    }
+    let words = ["certificates: /nowhere/ca.pem", "No such file", "transport/link/tls/root_ca_certificate"];
+    assert_says(&found[0], &words);
     let found = place.doctor(1, &["--zenoh", &file("p.json5", &named(&discovery))]);
     assert!(found[0].contains("is no PEM file"), "{found:?}");
 
@@ -307,14 +286,13 @@ fn the_doctor_finds_settings_that_are_dangerous_or_can_not_be_used() {
 #[test]
 fn the_doctor_finds_keys_that_may_not_be_read() {
     let place = Place::new();
-    let path = place.path().join("acl.json5");
     let liveliness = "{ mode: 'router', access_control: { enabled: true, default_permission: 'deny',
         rules: [{ id: 'alive', permission: 'allow', flows: ['ingress', 'egress'], key_exprs: ['supertwin/*/alive/**'],
             messages: ['liveliness_token', 'liveliness_query', 'declare_liveliness_subscriber'] }],
         subjects: [{ id: 'all', link_protocols: ['unixsock-stream'] }],
         policies: [{ id: 'p', rules: ['alive'], subjects: ['all'] }] } }";
-    std::fs::write(&path, liveliness).unwrap();
-    let _up = place.up(&["--zenoh", path.to_str().unwrap()]);
+    std::fs::write(place.path().join("acl.json5"), liveliness).unwrap();
+    let _up = place.up(&["--zenoh", "acl.json5"]);
     let found = place.doctor(1, &[]);
     for service in SERVICES {
         let text = format!("access: {service} is alive, but neither health nor state of it can be read");
@@ -333,7 +311,7 @@ fn every_tool_has_examples_and_exit_states_in_its_help() {
     // Without a router every tool says so, and what to do.
     for arguments in [&["list"][..], &["top"][..], &["set", "depth_m", "5"][..]] {
         let done = place.ask(arguments);
-        assert_eq!(done.code, Some(2), "{arguments:?}");
-        assert!(done.err.contains("start one with `supertwin up`"), "{}", done.err);
+        let told = done.code == Some(2) && done.err.contains("start one with `supertwin up`");
+        assert!(told, "{arguments:?}: {done:?}");
     }
 }

@@ -1,7 +1,7 @@
 //! A viewer that attacks: floods, and what the vehicle makes of them.
 
-use super::{Locked, ROV};
-use crate::support::{Listener, Process, SERVICES, following};
+use super::Locked;
+use crate::support::{Listener, Process, ROV, SERVICES, following};
 use serde_json::{Value, json};
 use std::path::Path;
 use std::sync::Arc;
@@ -10,7 +10,6 @@ use supertwin_protocol::access::Verb;
 use supertwin_protocol::lease::LeaseAction;
 use supertwin_protocol::role::Role;
 use supertwin_protocol::{Clock, SystemClock, keys};
-use supertwin_zenoh::Session;
 use supertwin_zenoh::access_control::probe::Seen;
 
 /// A vehicle that follows the net behind a locked router, four times as fast as real: a second has 200 laps.
@@ -24,16 +23,11 @@ impl Vehicle {
     fn start() -> Self {
         let locked = Locked::start();
         let trial = following(locked.place.path());
-        let serve = |service: &str| {
-            let words = ["serve", service, "--json", "--vehicle", ROV, "--trial", &trial, "--rtf", "2"];
-            locked.place.start(&[&words[..], &["--connect", &locked.place.socket]].concat())
-        };
+        let serve = |service: &str| locked.place.serve_rov(service, &trial, &locked.place.socket, &["--rtf", "2"]);
         let services: Vec<Process> = ["estimator", "guidance", "controller", "plant"].map(serve).into();
         let beside = Listener::open(&locked.place.socket, ROV).listen("health/plant").listen("telemetry/controller");
         let vehicle = Self { locked, beside, _services: services };
-        vehicle.beside.until("the vehicle to be under control", |key, value| {
-            key == "telemetry/controller" && value["data"]["signals"]["controller/status"] == "tracking"
-        });
+        vehicle.beside.until_status("tracking");
         vehicle
     }
 
@@ -49,65 +43,53 @@ impl Vehicle {
     }
 }
 
-/// Something done over and over by a thread until it is dropped.
-struct Attack {
-    stop: Arc<AtomicBool>,
-    thread: Option<std::thread::JoinHandle<u64>>,
-}
+type Once = Box<dyn FnMut(u64) + Send>;
 
-impl Attack {
-    fn begin(mut once: impl FnMut(u64) + Send + 'static) -> Self {
-        let stop = Arc::new(AtomicBool::new(false));
-        let flag = Arc::clone(&stop);
-        let thread = std::thread::spawn(move || {
-            let mut times = 0;
-            while !flag.load(Ordering::Relaxed) {
-                once(times);
-                times += 1;
-            }
-            times
-        });
-        Self { stop, thread: Some(thread) }
-    }
-
-    /// How often it was done.
-    fn end(mut self) -> u64 {
-        self.stop.store(true, Ordering::Relaxed);
-        let thread = self.thread.take().expect("is ended once");
+/// Something done over and over by a thread; what is returned ends it and says how often it was done.
+fn begin(mut once: Once) -> impl FnOnce() -> u64 {
+    let stop = Arc::new(AtomicBool::new(false));
+    let flag = Arc::clone(&stop);
+    let thread = std::thread::spawn(move || {
+        let mut times = 0;
+        while !flag.load(Ordering::Relaxed) {
+            once(times);
+            times += 1;
+        }
+        times
+    });
+    move || {
+        stop.store(true, Ordering::Relaxed);
         thread.thread().unpark();
         thread.join().expect("no panic")
     }
 }
 
-type Once = Box<dyn FnMut(u64) + Send>;
-
 /// What a viewer may think of. Each has a session of its own.
-fn floods(vehicle: &Vehicle) -> Vec<(&'static str, Vec<Session>, Once)> {
+fn floods(vehicle: &Vehicle) -> [(&'static str, Once); 7] {
     use zenoh::Wait;
     let key = |key: &str| format!("{}/{key}", keys::namespace(ROV));
     let session = || vehicle.locked.session(Role::Observer);
-    let put = |on: &str, size: usize| -> (Vec<Session>, Once) {
+    let put = |on: &str, size: usize| -> Once {
         let (session, key, payload) = (session(), key(on), vec![b'x'; size]);
-        (vec![session.clone()], Box::new(move |_| session.put(key.clone(), payload.clone()).wait().expect("lives")))
+        Box::new(move |_| session.put(key.clone(), payload.clone()).wait().expect("lives"))
     };
-    let ask = |on: &str| -> (Vec<Session>, Once) {
+    let ask = |on: &str| -> Once {
         let (session, key) = (session(), key(on));
         let unread = || zenoh::handlers::RingChannel::new(1);
-        (vec![session.clone()], Box::new(move |_| drop(session.get(key.clone()).with(unread()).wait().expect("lives"))))
+        Box::new(move |_| drop(session.get(key.clone()).with(unread()).wait().expect("lives")))
     };
-    let churn = || -> (Vec<Session>, Once) {
+    let churn = || -> Once {
         let (session, root) = (session(), key("event"));
-        let once = move |i: u64| {
+        Box::new(move |i| {
             drop(session.declare_subscriber(format!("{root}/{}", i % 1000)).callback(drop).wait().expect("lives"));
             drop(session.declare_queryable(format!("{root}/{}", i % 1000)).callback(drop).wait().expect("lives"));
             drop(session.liveliness().declare_token(format!("{root}/{}", i % 1000)).wait().expect("lives"));
-        };
-        (vec![], Box::new(once))
+        })
     };
-    let unread = || -> (Vec<Session>, Once) {
+    let unread = || -> Once {
         use zenoh::query::{ConsolidationMode, ReplyKeyExpr};
         let (session, key, mut kept) = (session(), key("event/*/@adv/**"), Vec::new());
-        let once = move |_: u64| {
+        Box::new(move |_| {
             if kept.len() < 1000 {
                 // Nobody reads, so that the whole link stands still: the answers wait at the router.
                 let get =
@@ -117,18 +99,16 @@ fn floods(vehicle: &Vehicle) -> Vec<(&'static str, Vec<Session>, Once)> {
                 // Until the attack is ended.
                 std::thread::park();
             }
-        };
-        (vec![], Box::new(once))
+        })
     };
-    let named = |name, (sessions, once): (Vec<Session>, Once)| (name, sessions, once);
-    vec![
-        named("navigation, as fast as it goes", put("estimator/nav", 200)),
-        named("messages of 900 kB", put("guidance/reference", 900_000)),
-        named("commands, as fast as it goes", ask("command/controller/neutral")),
-        named("questions for states, answers unread", ask("state/**")),
-        named("questions for histories, answers unread", ask("event/*/@adv/**")),
-        named("subscribers, queryables, tokens", churn()),
-        named("histories, and a link that nobody reads", unread()),
+    [
+        ("navigation, as fast as it goes", put("estimator/nav", 200)),
+        ("messages of 900 kB", put("guidance/reference", 900_000)),
+        ("commands, as fast as it goes", ask("command/controller/neutral")),
+        ("questions for states, answers unread", ask("state/**")),
+        ("questions for histories, answers unread", ask("event/*/@adv/**")),
+        ("subscribers, queryables, tokens", churn()),
+        ("histories, and a link that nobody reads", unread()),
     ]
 }
 
@@ -146,16 +126,16 @@ fn a_viewer_can_neither_steer_nor_blind_nor_exhaust_a_vehicle() {
         report.push(json!({ "what": what, "loop_us": loop_us, "per_s": per_s.round() }));
     };
     add("undisturbed", quiet, 0.0);
-    for (what, _sessions, once) in floods(&vehicle) {
+    for (what, once) in floods(&vehicle) {
         let (before, began) = (vehicle.health(1), clock.now());
-        let attack = Attack::begin(once);
+        let end = begin(once);
         let after = vehicle.health(4);
         // He who may command is obeyed meanwhile, and so is a cry for help; and the vehicle has not stood still.
         anna.lease(LeaseAction::Renew, 60.0).unwrap_or_else(|error| panic!("{what}: {error}"));
         let set = anna.command("guidance", "depth_m", json!(4.0), None);
         set.unwrap_or_else(|error| panic!("{what}: {error}"));
         let took_s = (clock.now() - began).as_secs_f64();
-        add(what, us(&after), attack.end() as f64 / took_s);
+        add(what, us(&after), end() as f64 / took_s);
         let steps = |health: &Value| health["steps"].as_u64().expect("a count");
         assert!(steps(&after) > steps(&before) + 100, "{what}: {before} {after}");
     }

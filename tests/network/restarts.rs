@@ -1,6 +1,6 @@
 //! Services, routers and operators that go away: who comes back, and what the vehicle does meanwhile.
 
-use super::{Vehicle, label, number, router, stays_bounded, travels, until_status};
+use super::{Vehicle, label, number, router, stays_bounded, travels};
 use crate::support::Events;
 use serde_json::{Value, json};
 use std::time::Duration;
@@ -13,37 +13,29 @@ fn each_service_killed_in_turn_rejoins_without_a_hand_and_without_a_jump() {
     let beside = vehicle.listen().listen("plant/truth").listen("telemetry/*").listen("controller/thrust");
     travels(&beside);
     for service in ["guidance", "estimator", "controller"] {
-        let mut before = None;
-        beside.until("the wrench before", |key, value| {
-            if key == "controller/thrust" {
-                before = Some((value["source"].clone(), value["data"]["allocated"].clone()));
-            }
-            before.is_some()
-        });
-        let (was, last) = before.expect("there was one");
+        let (before, _) = beside.until_on("controller/thrust", "the wrench before", |_| true);
         vehicle.restart(service);
         if service == "controller" {
             // The first wrench of the new instance continues from the last of the old one.
-            let (first, _) =
-                beside.until("the new controller", |key, value| key == "controller/thrust" && value["source"] != was);
-            let newest = &first["data"]["allocated"];
+            let is_new = |value: &Value| value["source"] != before["source"];
+            let (first, _) = beside.until_on("controller/thrust", "the new controller", is_new);
+            let [last, newest] = [&before, &first].map(|thrust| &thrust["data"]["allocated"]);
             for axis in ["surge", "sway", "heave"] {
-                let jump = number(newest, &format!("/{axis}_n")) - number(&last, &format!("/{axis}_n"));
+                let jump = number(newest, &format!("/{axis}_n")) - number(last, &format!("/{axis}_n"));
                 assert!(jump.abs() < 25.0, "{axis} jumps by {jump} N: {last} then {newest}");
             }
         }
         stays_bounded(&beside, 100);
-        until_status(&beside, "tracking");
+        beside.until_status("tracking");
         travels(&beside);
     }
     // The plant's death is the twin's: a new truth begins where the trial does, at the tick where the others are.
-    let (last, _) = beside.until("truth", |key, _| key == "plant/truth");
+    let (last, _) = beside.until_on("plant/truth", "truth", |_| true);
     vehicle.restart("plant");
-    let (first, _) =
-        beside.until("a new plant", |key, value| key == "plant/truth" && value["source"] != last["source"]);
+    let (first, _) = beside.until_on("plant/truth", "a new plant", |value| value["source"] != last["source"]);
     assert_eq!(first["run"], last["run"], "the run goes on");
     assert!(first["tick"].as_u64() > last["tick"].as_u64(), "and so does its time");
-    until_status(&beside, "tracking");
+    beside.until_status("tracking");
     travels(&beside);
 }
 
@@ -56,13 +48,12 @@ fn a_router_that_restarts_is_found_again() {
     travels(&beside);
     vehicle.router.kill();
     // A tool waits for three seconds before it gives up: longer than the controller's patience with a silent guidance.
-    let nobody = vehicle.place.call(&["top", "--connect", &vehicle.place.socket]);
-    assert!(nobody.code == Some(2) && nobody.err.contains("no router at"), "{nobody:?}");
+    vehicle.place.call(&["top", "--connect", &vehicle.place.socket]).refused("no router at");
     (vehicle.router, vehicle.tcp) = router(&vehicle.place, None, "127.0.0.1", &[]);
     beside.fresh();
     let speed = stays_bounded(&beside, 100);
     assert!(speed < 0.6, "{speed} m/s two seconds after the router came back");
-    until_status(&beside, "tracking");
+    beside.until_status("tracking");
     travels(&beside);
 
     // The listener lost the router as well, and yet has every event, those of its absence included.
@@ -81,15 +72,13 @@ fn an_operator_who_lets_go_is_missed_and_may_come_back() {
     let mut vehicle = Vehicle::start(None, "127.0.0.1");
     vehicle.serve("guidance", None);
     let beside = vehicle.listen().listen("telemetry/guidance").events();
-    let happens =
-        |what: Value| move |key: &str, value: &Value| key == "event/guidance" && value["data"]["what"] == what;
-    let lost = |stopped: bool| happens(json!({ "kind": "operator_lost", "setpoints_stopped": stopped }));
-    let present = || happens(json!({ "kind": "operator_present" }));
+    let lost = |stopped: bool| json!({ "kind": "operator_lost", "setpoints_stopped": stopped });
+    let until_event =
+        |what: &str, event: Value| beside.until_on("event/guidance", what, |value| value["data"]["what"] == event).1;
+    let until_present = |what: &str| until_event(what, json!({ "kind": "operator_present" }));
     let until_reason = |wanted: &str| {
-        beside.until(wanted, |key, value| {
-            let what = &value["data"]["what"];
-            key == "event/guidance" && what["what"] == "reason" && what["to"] == wanted
-        });
+        let is_it = |value: &Value| value["data"]["what"]["what"] == "reason" && value["data"]["what"]["to"] == wanted;
+        beside.until_on("event/guidance", wanted, is_it)
     };
     until_reason("commanded");
     let mut pilot = beside.client("pilot");
@@ -100,22 +89,21 @@ fn an_operator_who_lets_go_is_missed_and_may_come_back() {
         pilot.stream("speed_m_per_s", Some(0.1 + 0.001 * f64::from(sample))).expect("is sent");
         (0..3).for_each(|_| beside.fresh());
     }
-    beside.until("the stream's last value but for its delay", |key, value| {
+    beside.until_on("telemetry/guidance", "the stream's last value but for its delay", |value| {
         let speed = || value["data"]["signals"]["guidance/reference/setpoint"][1].as_f64().expect("a speed");
-        key == "telemetry/guidance"
-            && label(value, "guidance/reason") == "commanded"
-            && (0.115..0.12).contains(&speed())
+        label(value, "guidance/reason") == "commanded" && (0.115..0.12).contains(&speed())
     });
-    let (_, held) = beside.until("the deadman", lost(true));
+    let held = until_event("the deadman", lost(true));
     assert!(held - let_go >= Duration::from_millis(500), "half a second of patience");
     until_reason("operator_lost");
     pilot.stream("speed_m_per_s", Some(0.2)).expect("is sent");
-    beside.until("the operator to be back", present());
+    until_present("the operator to be back");
     until_reason("commanded");
     pilot.stream("speed_m_per_s", None).expect("is sent");
     let mut end = None;
     beside.until("40 ticks to pass", |key, value| {
-        assert!(!lost(true)(key, value), "a stream that was ended needs no hand");
+        let is_lost = key == "event/guidance" && value["data"]["what"] == lost(true);
+        assert!(!is_lost, "a stream that was ended needs no hand");
         let tick = value["tick"].as_u64().expect("a tick");
         key == "telemetry/guidance" && tick >= *end.get_or_insert(tick + 40)
     });
@@ -123,10 +111,10 @@ fn an_operator_who_lets_go_is_missed_and_may_come_back() {
     let mut other = beside.client("other");
     assert!(other.acquire(5.0).expect_err("pilot has it").to_string().contains("pilot holds the authority"));
     pilot.lease(LeaseAction::Renew, 0.5).expect("is renewed");
-    beside.until("the lease to run out", lost(false));
+    until_event("the lease to run out", lost(false));
     until_reason("operator_lost");
     other.acquire(60.0).expect("nobody has it any more");
-    beside.until("an operator again", present());
+    until_present("an operator again");
     until_reason("commanded");
     assert!(other.command("guidance", "depth_m", json!(99.0), None).expect_err("too deep").to_string().contains("99"));
 }
@@ -136,15 +124,15 @@ fn an_emergency_outlives_its_controller_and_a_lease_that_dies_with_it_makes_the_
     let mut vehicle = Vehicle::start(None, "127.0.0.1");
     vehicle.serve("guidance", None);
     let beside = vehicle.listen().listen("telemetry/controller").listen("telemetry/guidance");
-    until_status(&beside, "tracking");
+    beside.until_status("tracking");
     beside.client("passer-by").command("controller", "neutral", json!(true), None).expect("needs no authority");
-    until_status(&beside, "emergency_neutral");
+    beside.until_status("emergency_neutral");
 
-    let (last, _) = beside.until("telemetry", |key, _| key == "telemetry/controller");
+    let (last, _) = beside.until_on("telemetry/controller", "telemetry", |_| true);
     vehicle.restart("controller");
     let mut steps = 0;
-    beside.until("fifty steps of the new controller", |key, value| {
-        if key == "telemetry/controller" && value["source"] != last["source"] {
+    beside.until_on("telemetry/controller", "fifty steps of the new controller", |value| {
+        if value["source"] != last["source"] {
             let forces = value["data"]["signals"]["controller/thrust/force"].as_array().expect("forces");
             assert!(forces.iter().all(|force| force.as_f64() == Some(0.0)), "no force at step {steps}: {forces:?}");
             assert_eq!(label(value, "controller/status"), "emergency_neutral");
@@ -155,13 +143,13 @@ fn an_emergency_outlives_its_controller_and_a_lease_that_dies_with_it_makes_the_
     let mut pilot = beside.client("pilot");
     pilot.acquire(30.0).expect("is granted");
     pilot.command("controller", "neutral", json!(false), None).expect("the holder may end it");
-    until_status(&beside, "tracking");
+    beside.until_status("tracking");
 
     vehicle.restart("controller");
-    let reason = |wanted: &'static str| {
-        move |key: &str, value: &Value| key == "telemetry/guidance" && label(value, "guidance/reason") == wanted
+    let until_reason = |what: &str, wanted: &str| {
+        beside.until_on("telemetry/guidance", what, |value| label(value, "guidance/reason") == wanted)
     };
-    beside.until("guidance to miss the operator", reason("operator_lost"));
+    until_reason("guidance to miss the operator", "operator_lost");
     pilot.acquire(30.0).expect("the new controller knows of no lease");
-    beside.until("the operator to be back", reason("commanded"));
+    until_reason("the operator to be back", "commanded");
 }

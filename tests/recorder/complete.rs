@@ -1,7 +1,7 @@
 //! A recording over the network is complete, and equals that of one process.
 
-use super::{ROV, recording_in, shared};
-use crate::support::{CONFIG, Place, Process, SERVICES};
+use super::shared;
+use crate::support::{CONFIG, Place, ROV, SERVICES, recording_in};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Debug;
 use supertwin_core::message::{FromSignals, Measurements, Nav, Reference, SignalValues, Thrust, Truth};
@@ -69,14 +69,8 @@ fn a_recording_over_the_network_is_complete_and_equals_that_of_one_process() {
         let _router = place.start(&["serve", "router", "--json", "--listen", &place.socket]);
         let mut recorder =
             place.start(&["record", "--json", "--once", "--out", "net", "--vehicle", ROV, "--connect", &place.socket]);
-        let services: Vec<Process> = SERVICES
-            .iter()
-            .map(|service| {
-                let words = ["serve", service, "--json", "--vehicle", ROV, "--connect", &place.socket, "--trial", name];
-                let lock_step = ["--pace", "lockstep", "--witness", "recorder"];
-                place.start(&[&words, &lock_step[..], &short[..]].concat())
-            })
-            .collect();
+        let lock_step = [&["--pace", "lockstep", "--witness", "recorder"][..], &short].concat();
+        let services = SERVICES.map(|service| place.serve_rov(service, name, &place.socket, &lock_step));
         recorder.finish().well();
         for mut service in services {
             service.finish().well();
@@ -125,13 +119,10 @@ fn a_recording_over_the_network_is_complete_and_equals_that_of_one_process() {
             [found_again::<Nav>(&net).len(), found_again::<Reference>(&net).len(), found_again::<Thrust>(&net).len()];
         assert_eq!(counts, [1000; 3]);
         for measured in found_again::<Measurements>(&net).into_values() {
-            let sensors = [
-                measured.depth.is_some(),
-                measured.compass.is_some(),
-                measured.gyro.is_some(),
-                measured.dvl.is_some_and(|dvl| dvl.velocity_m_per_s.is_some()),
-            ];
-            (0..4).for_each(|i| heard[i] |= sensors[i]);
+            heard[0] |= measured.depth.is_some();
+            heard[1] |= measured.compass.is_some();
+            heard[2] |= measured.gyro.is_some();
+            heard[3] |= measured.dvl.is_some_and(|dvl| dvl.velocity_m_per_s.is_some());
         }
         // Scores from the file alone are those of the run.
         assert_eq!(scores(&net), scores(&batch), "{name}");

@@ -71,7 +71,8 @@ fn apart() -> Option<[&'static str; 3]> {
 /// allows it.
 pub struct Script {
     text: String,
-    apart: Option<[&'static str; 3]>,
+    /// What enters a network of its own, if it has one.
+    pub apart: Option<[&'static str; 3]>,
     commands: usize,
 }
 
@@ -80,15 +81,10 @@ impl Script {
     pub fn new(path: &str) -> Self {
         let head = "set -e\ntrap 'kill $(jobs -p) 2>/dev/null || true; wait' EXIT\n";
         let mut script = Self { text: format!("{head}export PATH=\"{path}:$PATH\"\n"), apart: apart(), commands: 0 };
-        if script.is_apart() {
+        if script.apart.is_some() {
             script.line("mount -t tmpfs -o mode=700 none /tmp/supertwin\nip link set lo up");
         }
         script
-    }
-
-    /// Whether it has a network of its own.
-    pub fn is_apart(&self) -> bool {
-        self.apart.is_some()
     }
 
     /// A line as it is.
@@ -129,10 +125,11 @@ pub fn follow(page: &str) -> usize {
     assert!(copied.expect("cp is there").success());
     let mut script = Script::new(&place.bin(""));
     let networked = steps.iter().any(|step| matches!(step, Step::Command { line, .. } if left_running(line) > 0));
-    if networked && !script.is_apart() {
+    if networked && script.apart.is_none() {
         eprintln!("{page}: not tried, as this machine allows no network namespace");
         return steps.len();
     }
+    let mut commands = Vec::new();
     for step in &steps {
         match step {
             Step::File { name, text } => {
@@ -140,18 +137,15 @@ pub fn follow(page: &str) -> usize {
                     "mkdir -p \"$(dirname {name})\"\ncat > {name} <<'END_OF_FILE'\n{text}\nEND_OF_FILE"
                 ));
             }
-            // The viewer needs a screen, packages come from the world outside.
-            Step::Command { line, .. } if ["rerun ", "pip "].iter().any(|other| line.starts_with(other)) => {
-                script.command("true");
+            Step::Command { line, answer } => {
+                // The viewer needs a screen, packages come from the world outside.
+                let outside = ["rerun ", "pip "].iter().any(|other| line.starts_with(other));
+                script.command(if outside { "true" } else { line });
+                commands.push((line, answer));
             }
-            Step::Command { line, .. } => script.command(line),
         }
     }
     let mut compared = 0;
-    let commands = steps.iter().filter_map(|step| match step {
-        Step::Command { line, answer } => Some((line, answer)),
-        Step::File { .. } => None,
-    });
     for (said, (line, answer)) in script.run(&place).iter().zip(commands) {
         let mut said_lines = said.lines().map(str::trim_end);
         for wanted in answer.iter().map(|line| line.trim_end()).filter(|line| *line != "…") {

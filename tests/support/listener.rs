@@ -83,6 +83,17 @@ impl Listener {
         }
     }
 
+    /// The same of the samples on one key.
+    pub fn until_on(&self, key: &str, what: &str, mut wanted: impl FnMut(&Value) -> bool) -> (Value, Duration) {
+        self.until(what, |heard, value| heard == key && wanted(value))
+    }
+
+    /// Reads until the controller says this status in its telemetry.
+    pub fn until_status(&self, wanted: &str) {
+        let is_it = |value: &Value| value["data"]["signals"]["controller/status"] == wanted;
+        self.until_on("telemetry/controller", &format!("the controller's status {wanted}"), is_it);
+    }
+
     /// Enters events until there are as many of each of these services as it says of itself from now on. Health must be
     /// listened to as well.
     pub fn complete(&self, events: &mut Events, services: &[&str]) {

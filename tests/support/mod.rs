@@ -14,23 +14,41 @@ mod written;
 pub use listener::{Events, Listener};
 pub use process::{Ended, Place, Process};
 pub use tamper::{Tamper, tampered};
-pub use tether::{Cable, Proxy};
+pub use tether::{Cable, Proxy, free_port};
 pub use written::until_written;
 
 use serde_json::Value;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// The shipped configuration.
 pub const CONFIG: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config");
 /// The four services of a vehicle.
 pub const SERVICES: [&str; 4] = ["plant", "estimator", "guidance", "controller"];
+/// The vehicle's name in tests over a network.
+pub const ROV: &str = "rov";
 /// Longest wait for anything in these tests: a recorder in a dev build takes half a minute to rewrite 20 s in larger pieces.
 pub const LIMIT: Duration = Duration::from_secs(180);
 
 /// All of these words are in a text.
 pub fn assert_says(text: &str, all: &[&str]) {
     all.iter().for_each(|words| assert!(text.contains(words), "{words} is missing in\n{text}"));
+}
+
+/// Files in a folder, by name.
+pub fn files_in(folder: &Path) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(folder).expect("a folder").map(|entry| entry.expect("an entry").path());
+    let mut files: Vec<PathBuf> = entries.collect();
+    files.sort();
+    files
+}
+
+/// The only recording in a folder, without its further parts.
+pub fn recording_in(folder: &Path) -> PathBuf {
+    let mut files = files_in(folder);
+    files.retain(|path| !path.display().to_string().contains(".part"));
+    assert_eq!(files.len(), 1, "{files:?}");
+    files.remove(0)
 }
 
 /// Where a process listens that says so in its first line, e.g. by `tcp`.

@@ -1,6 +1,6 @@
 //! A process that ends with its test: its lines, its errors, signals to it, its exit status.
 
-use super::{CONFIG, LIMIT};
+use super::{CONFIG, LIMIT, ROV};
 use serde_json::Value;
 use std::io::{BufRead, BufReader};
 use std::os::unix::fs::PermissionsExt;
@@ -9,6 +9,7 @@ use std::process::{Child, Command, Stdio};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::sync::{Arc, Condvar, Mutex};
 use std::thread::JoinHandle;
+use std::time::Duration;
 use supertwin_protocol::{Clock, SystemClock};
 use tempfile::TempDir;
 
@@ -55,6 +56,12 @@ impl Place {
             command.args(["netns", "exec", name, SUPERTWIN]);
         }
         Process::start(command.args(["--config", CONFIG]).args(arguments))
+    }
+
+    /// Starts a service of the vehicle `rov` at a router.
+    pub fn serve_rov(&self, service: &str, trial: &str, router: &str, more: &[&str]) -> Process {
+        let words = ["serve", service, "--json", "--vehicle", ROV, "--trial", trial, "--connect", router];
+        self.start(&[&words, more].concat())
     }
 
     /// Calls it and waits for its end.
@@ -107,7 +114,12 @@ impl Ended {
 
     /// Itself, if the call was refused with status 2 and these words.
     pub fn refused(self, words: &str) -> Self {
-        assert_eq!(self.code, Some(2), "{self:?}");
+        self.ends(2, words)
+    }
+
+    /// Itself, if it ended with this status and these words among its errors.
+    pub fn ends(self, code: i32, words: &str) -> Self {
+        assert_eq!(self.code, Some(code), "{words}: {self:?}");
         assert!(self.err.contains(words), "{words} is not in {self:?}");
         self
     }
@@ -156,16 +168,16 @@ impl Process {
     /// Reads lines until `wanted` makes something of one.
     pub fn until<T>(&self, what: &str, mut wanted: impl FnMut(&str) -> Option<T>) -> T {
         let deadline = self.clock.now() + LIMIT;
-        loop {
-            match self.lines.recv_timeout(deadline.saturating_sub(self.clock.now())) {
-                Ok(line) => {
-                    if let Some(found) = wanted(&line) {
-                        return found;
-                    }
-                }
-                Err(RecvTimeoutError::Timeout) => self.fail(&format!("never said {what}")),
-                Err(RecvTimeoutError::Disconnected) => self.fail(&format!("ended before {what}")),
-            }
+        let mut lines = std::iter::from_fn(|| self.line(deadline, || format!("never said {what}")));
+        let found = lines.find_map(|line| wanted(&line));
+        found.unwrap_or_else(|| self.fail(&format!("ended before {what}")))
+    }
+
+    /// The next line, or nothing when standard output has ended.
+    fn line(&self, deadline: Duration, late: impl Fn() -> String) -> Option<String> {
+        match self.lines.recv_timeout(deadline.saturating_sub(self.clock.now())) {
+            Err(RecvTimeoutError::Timeout) => self.fail(&late()),
+            line => line.ok(),
         }
     }
 
@@ -223,12 +235,8 @@ impl Process {
     pub fn finish(&mut self) -> Ended {
         let deadline = self.clock.now() + LIMIT;
         let mut out = String::new();
-        loop {
-            match self.lines.recv_timeout(deadline.saturating_sub(self.clock.now())) {
-                Ok(line) => out += &(line + "\n"),
-                Err(RecvTimeoutError::Disconnected) => break,
-                Err(RecvTimeoutError::Timeout) => self.fail(&format!("does not end, after {out}")),
-            }
+        while let Some(line) = self.line(deadline, || format!("does not end, after {out}")) {
+            out += &(line + "\n");
         }
         let code = self.child.wait().expect("ends").code();
         self.threads.drain(..).for_each(|thread| thread.join().expect("reads to the end"));

@@ -16,6 +16,7 @@ pub struct Proxy {
     port: u16,
 }
 
+#[derive(Default)]
 struct ProxyState {
     target: String,
     taken: AtomicU64,
@@ -23,8 +24,7 @@ struct ProxyState {
     stalled: Mutex<bool>,
     flows: Condvar,
     delay_ms: AtomicU64,
-    open: Mutex<Vec<TcpStream>>,
-    clock: SystemClock,
+    open: Mutex<Vec<Arc<TcpStream>>>,
 }
 
 impl Proxy {
@@ -35,16 +35,7 @@ impl Proxy {
         let (protocol, target) = endpoint.split_once('/').expect("a protocol");
         // A certificate names hosts.
         let host = if protocol == "tls" { "tls/localhost" } else { "tcp/127.0.0.1" };
-        let state = Arc::new(ProxyState {
-            target: target.to_owned(),
-            taken: AtomicU64::new(0),
-            cut: AtomicBool::new(false),
-            stalled: Mutex::new(false),
-            flows: Condvar::new(),
-            delay_ms: AtomicU64::new(0),
-            open: Mutex::new(Vec::new()),
-            clock: SystemClock::start(),
-        });
+        let state = Arc::new(ProxyState { target: target.to_owned(), ..ProxyState::default() });
         let shared = Arc::clone(&state);
         std::thread::spawn(move || {
             for near in listener.incoming().flatten() {
@@ -53,14 +44,10 @@ impl Proxy {
                 }
                 let Ok(far) = TcpStream::connect(&shared.target) else { continue };
                 shared.taken.fetch_add(1, Ordering::SeqCst);
-                let pair =
-                    |a: &TcpStream, b: &TcpStream| (a.try_clone().expect("clones"), b.try_clone().expect("clones"));
-                let mut open = shared.open.lock().expect("not poisoned");
-                open.extend([near.try_clone().expect("clones"), far.try_clone().expect("clones")]);
-                drop(open);
-                for (from, to) in [pair(&near, &far), pair(&far, &near)] {
-                    forward(from, to, Arc::clone(&shared));
-                }
+                let (near, far) = (Arc::new(near), Arc::new(far));
+                shared.open.lock().expect("not poisoned").extend([&near, &far].map(Arc::clone));
+                forward(&near, &far, &shared);
+                forward(&far, &near, &shared);
             }
         });
         Self { state, host, port }
@@ -100,15 +87,15 @@ impl Proxy {
     }
 }
 
-fn forward(mut from: TcpStream, mut to: TcpStream, state: Arc<ProxyState>) {
+fn forward(from: &Arc<TcpStream>, to: &Arc<TcpStream>, state: &Arc<ProxyState>) {
     let (send, receive) = mpsc::channel::<(Duration, Vec<u8>)>();
-    let reading = Arc::clone(&state);
+    let (from, to, state, clock) = (Arc::clone(from), Arc::clone(to), Arc::clone(state), SystemClock::start());
     std::thread::spawn(move || {
         let mut buffer = [0; 16 * 1024];
-        while let Ok(n @ 1..) = from.read(&mut buffer) {
-            let stalled = reading.stalled.lock().expect("not poisoned");
-            drop(reading.flows.wait_while(stalled, |stalled| *stalled).expect("not poisoned"));
-            let due = reading.clock.now() + Duration::from_millis(reading.delay_ms.load(Ordering::SeqCst));
+        while let Ok(n @ 1..) = from.as_ref().read(&mut buffer) {
+            let stalled = state.stalled.lock().expect("not poisoned");
+            drop(state.flows.wait_while(stalled, |stalled| *stalled).expect("not poisoned"));
+            let due = clock.now() + Duration::from_millis(state.delay_ms.load(Ordering::SeqCst));
             if send.send((due, buffer[..n].to_vec())).is_err() {
                 break;
             }
@@ -117,13 +104,19 @@ fn forward(mut from: TcpStream, mut to: TcpStream, state: Arc<ProxyState>) {
     std::thread::spawn(move || {
         for (due, bytes) in receive {
             #[expect(clippy::disallowed_methods, reason = "the delay of the link itself, not a wait for something")]
-            std::thread::sleep(due.saturating_sub(state.clock.now()));
-            if to.write_all(&bytes).is_err() {
+            std::thread::sleep(due.saturating_sub(clock.now()));
+            if to.as_ref().write_all(&bytes).is_err() {
                 break;
             }
         }
         let _ = to.shutdown(Shutdown::Both);
     });
+}
+
+/// A port of this machine that is free now.
+pub fn free_port() -> u16 {
+    let listener = TcpListener::bind("127.0.0.1:0").expect("a port");
+    listener.local_addr().expect("is bound").port()
 }
 
 /// Two network namespaces joined by a cable, if the machine allows it.

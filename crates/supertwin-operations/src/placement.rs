@@ -28,7 +28,7 @@ pub enum HostedService {
 }
 
 /// What is placed, and how it runs.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct PlacementOptions {
     /// A name in `config/trials`, or a path.
     pub trial: String,

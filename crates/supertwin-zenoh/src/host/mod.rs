@@ -40,11 +40,12 @@ use zenoh::query::{Query, Queryable};
 const TELEMETRY_CACHE: usize = 500;
 
 /// How ticks follow each other.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Pace {
     /// By the wall clock, this many times as fast as real time.
     RealTime(f64),
     /// When all inputs of a tick are there.
+    #[default]
     LockStep,
 }
 
