@@ -15,25 +15,17 @@ use supertwin_lab::{Library, ResolvedTrial, Twin, trial};
 /// Ticks of the two counted runs.
 const COUNTED: [u64; 2] = [1_000, 11_000];
 
-fn load(name: &str) -> Vec<ResolvedTrial> {
-    trial::load(&Library::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../config"), Vec::new()), name).unwrap()
-}
-
-/// The trial of the table: AGSTA, net following from 17 s, for as long as asked.
-fn long_trial(ticks: u64) -> ResolvedTrial {
-    let overrides = vec![
-        format!("trial.duration_s={}", ticks as f64 * 0.02).parse().unwrap(),
-        "trial.score.from_s=0.0".parse().unwrap(),
-    ];
+fn load(name: &str, overrides: &[&str]) -> ResolvedTrial {
+    let overrides = overrides.iter().map(|text| text.parse().unwrap()).collect();
     let library = Library::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../config"), overrides);
-    trial::load(&library, "paper-agsta").unwrap().remove(0)
+    trial::load(&library, name).unwrap().remove(0)
 }
 
 fn whole_runs(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("run");
     group.sample_size(20);
     for name in ["paper-gsta", "paper-agsta", "paper-pid"] {
-        let trial = load(name).remove(0);
+        let trial = load(name, &[]);
         group.throughput(Throughput::Elements(trial.ticks()));
         group.bench_function(name, |bencher| {
             bencher.iter(|| supertwin_lab::run(&trial, black_box(1), &mut NoSink, None, |_| true).unwrap());
@@ -43,7 +35,7 @@ fn whole_runs(criterion: &mut Criterion) {
 }
 
 fn parts(criterion: &mut Criterion) {
-    let trial = load("paper-agsta").remove(0);
+    let trial = load("paper-agsta", &[]);
     let mut twin = Twin::new(&trial, 1).unwrap();
     let mut k = 0;
     for step in &trial.trial.mission {
@@ -86,7 +78,9 @@ fn instructions() {
 fn main() {
     let arguments: Vec<String> = std::env::args().collect();
     if let Some(at) = arguments.iter().position(|argument| argument == "--ticks") {
-        let trial = long_trial(arguments[at + 1].parse().unwrap());
+        // The trial of the table: AGSTA, net following from 17 s, for as long as asked.
+        let duration_s = arguments[at + 1].parse::<f64>().unwrap() * 0.02;
+        let trial = load("paper-agsta", &[&format!("trial.duration_s={duration_s}"), "trial.score.from_s=0.0"]);
         black_box(supertwin_lab::run(&trial, 1, &mut NoSink, None, |_| true).unwrap());
     } else if arguments.iter().any(|argument| argument == "--instructions") {
         instructions();

@@ -77,19 +77,19 @@ fn the_plane_filter_takes_the_distance_error_from_decimetres_to_centimetres() {
 #[test]
 fn every_misprint_shows_what_it_does() {
     let seeds = 8;
-    let agsta = scores(&load("fair", &["trial.controllers=[\"agsta\"]"]), seeds);
+    let fair = |law: &str| scores(&load("fair", &[&format!("trial.controllers=[{law:?}]")]), seeds);
+    let agsta = fair("agsta");
     let distance = |runs: &[Scores]| mean(runs, |s| s.measured.distance_m);
     let port_sign = scores(&load("misprint-port-sign", &[]), seeds);
     assert!(distance(&port_sign) > 2.0 * distance(&agsta), "the printed port sign must leave the net");
 
-    let literal = load("fair", &["trial.controllers=[\"agsta-literal-acceleration\"]"]);
-    let literal = scores(&literal, seeds);
+    let literal = fair("agsta-literal-acceleration");
     let surge = |runs: &[Scores]| mean(runs, |s| s.measured.surge_m_per_s);
     assert!(surge(&literal) > 1.5 * surge(&agsta), "the literal acceleration must double the surge error");
     assert!(mean(&literal, |s| s.k1_end.surge) < 3.0, "and k1 must stall");
     assert!(mean(&literal, |s| s.measured.depth_m) > 2.0 * mean(&agsta, |s| s.measured.depth_m), "depth limit cycle");
 
-    let k2 = scores(&load("fair", &["trial.controllers=[\"agsta-literal-k2\"]"]), seeds);
+    let k2 = fair("agsta-literal-k2");
     let heading = |runs: &[Scores]| mean(runs, |s| s.measured.heading_rad);
     assert!(heading(&k2) > 1.7 * heading(&agsta), "an integrated k2 must wreck heading");
     assert!(mean(&k2, |s| s.activity.yaw) > 10.0 * mean(&agsta, |s| s.activity.yaw));

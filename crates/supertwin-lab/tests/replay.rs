@@ -1,8 +1,8 @@
 //! Replay of what is hard to come by: lost telemetry, late steps that nothing was sent of, two writers, commands between.
 
-use crate::common::kept::{Keeper, keep};
-use crate::common::load;
-use serde_json::json;
+use crate::common::kept::{Keeper, keep, without_rows};
+use crate::common::{fly, load};
+use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use supertwin_core::digest::{DigestProbe, block_digest};
 use supertwin_core::message::{Nav, Thrust};
@@ -11,12 +11,12 @@ use supertwin_core::source::Label;
 use supertwin_core::{Block, Observe, Port, PortRule, Ports, RecordedRun, RunHeader, RunSink, Tick, signal};
 use supertwin_lab::mission::{Mission, Parts};
 use supertwin_lab::replay::{Messages, RING, Replay, Verification};
-use supertwin_lab::{Blocks, ResolvedTrial, Twin, run};
+use supertwin_lab::{Blocks, ResolvedTrial, run};
 use supertwin_plant::Plant;
 
 const DT_S: f64 = 0.02;
 
-fn label(tick: u64, value: &serde_json::Value) -> Label {
+fn label(tick: u64, value: &Value) -> Label {
     let k = i64::try_from(tick).expect("small");
     Label { tick: k, time_ns: k * 20_000_000, value: value.to_string() }
 }
@@ -27,17 +27,11 @@ fn over_a_network(trial: &ResolvedTrial, ticks: u64) -> RecordedRun {
     let mut properties = run::properties(trial, 1, "realtime", &Properties::new());
     properties.remove("duration_s");
     keeper.begin(&RunHeader { name: "net".to_owned(), properties, ..RunHeader::default() }).expect("in memory");
-    let mut twin = Twin::new(trial, 1).expect("is built");
-    let mut mission = Mission::new(&trial.trial.mission, DT_S);
-    let parts = Parts::of(&mission).expect("no links");
+    let parts = Parts::of(&Mission::new(&trial.trial.mission, DT_S)).expect("no links");
     let mut probe = DigestProbe::default();
-    for k in 0..ticks {
-        let tick = Tick { k, dt_s: DT_S };
+    fly(trial, ticks, |tick, twin| {
+        let k = tick.k;
         keeper.tick(tick).expect("in memory");
-        while let Some(command) = mission.due(tick) {
-            twin.command(tick, command).expect("is legal");
-        }
-        twin.step(tick);
         twin.digest(tick, &mut probe).expect("is finite");
         twin.observe(&mut keeper);
         let before: Vec<u64> = k.checked_sub(1).into_iter().collect();
@@ -55,7 +49,7 @@ fn over_a_network(trial: &ResolvedTrial, ticks: u64) -> RecordedRun {
             });
             keeper.run.words.entry(format!("step/{service}")).or_default().push(label(k, &account));
         }
-    }
+    });
     for (tick, command) in parts.guidance {
         let value = serde_json::to_value(command).expect("JSON");
         keeper.run.commands.entry("guidance".to_owned()).or_default().push(label(tick, &value));
@@ -64,7 +58,18 @@ fn over_a_network(trial: &ResolvedTrial, ticks: u64) -> RecordedRun {
 }
 
 fn verify(kept: &RecordedRun) -> Verification {
-    Replay::new(kept, Messages::default()).expect("can be replayed").verify(None).expect("is replayed")
+    verify_with(kept, Messages::default())
+}
+
+fn verify_with(kept: &RecordedRun, messages: Messages) -> Verification {
+    Replay::new(kept, messages).expect("can be replayed").verify(None).expect("is replayed")
+}
+
+/// Changes the account of the step in a label.
+fn edit(label: &mut Label, change: impl FnOnce(&mut Value)) {
+    let mut account = serde_json::from_str(&label.value).expect("JSON");
+    change(&mut account);
+    label.value = account.to_string();
 }
 
 fn exact(verification: &Verification) -> BTreeMap<&str, (u64, u64)> {
@@ -75,14 +80,8 @@ fn exact(verification: &Verification) -> BTreeMap<&str, (u64, u64)> {
 fn without(kept: &RecordedRun, service: &str, gone: impl Fn(i64) -> bool) -> RecordedRun {
     let mut kept = kept.clone();
     kept.words.get_mut(&format!("step/{service}")).expect("is there").retain(|words| !gone(words.tick));
-    for (path, columns) in kept.signals.iter_mut().filter(|(path, _)| path.starts_with(&format!("{service}/"))) {
-        let mut left = supertwin_core::source::Columns { width: columns.width, ..Default::default() };
-        for (row, &tick) in columns.tick.iter().enumerate().filter(|(_, tick)| !gone(**tick)) {
-            left.tick.push(tick);
-            left.time_ns.push(columns.time_ns[row]);
-            left.values.extend_from_slice(columns.row(row).expect(path));
-        }
-        *columns = left;
+    for (_, columns) in kept.signals.iter_mut().filter(|(path, _)| path.starts_with(&format!("{service}/"))) {
+        *columns = without_rows(columns, &gone);
     }
     kept
 }
@@ -120,9 +119,7 @@ fn what_was_told_step_by_step_repeats_and_what_was_not_told_is_made_up_for_where
     let mut thinned = without(&kept, "estimator", |tick| tick % 5 != 0);
     thinned.signals = kept.signals;
     for (i, words) in thinned.words.get_mut("step/estimator").expect("is there").iter_mut().enumerate() {
-        let mut account: serde_json::Value = serde_json::from_str(&words.value).expect("JSON");
-        account["seq"] = json!(i + 1);
-        words.value = account.to_string();
+        edit(words, |account| account["seq"] = json!(i + 1));
     }
     let thinned = verify(&thinned);
     assert!(thinned.equal && exact(&thinned)["estimator"] == (240, 240), "{:?}", thinned.blocks[1]);
@@ -130,8 +127,7 @@ fn what_was_told_step_by_step_repeats_and_what_was_not_told_is_made_up_for_where
 
 #[test]
 fn a_recording_that_begins_late_has_nothing_to_compare() {
-    let kept = over_a_network(&load("paper-gsta", &[]), 300);
-    let mut late = kept;
+    let mut late = over_a_network(&load("paper-gsta", &[]), 300);
     for service in RING {
         late = without(&late, service, |tick| tick < 100);
     }
@@ -152,15 +148,11 @@ fn one_bit_of_a_signal_or_of_a_hash_is_found_where_it_is() {
     let at = 333 * columns.width + 2;
     columns.values[at] = f64::from_bits(columns.values[at].to_bits() ^ 1);
     let first = verify(&bit).first.expect("differs");
-    assert_eq!(
-        (first.tick, first.signal.as_str(), first.component.as_str()),
-        (333, signal::controller::SIGMA.path, "heave")
-    );
+    let sigma = signal::controller::SIGMA.path;
+    assert_eq!((first.tick, first.signal.as_str(), first.component.as_str()), (333, sigma, "heave"));
     let mut hash = kept;
     let words = &mut hash.words.get_mut("step/guidance").expect("is there")[222];
-    let mut account: serde_json::Value = serde_json::from_str(&words.value).expect("JSON");
-    account["digest"] = json!("0123456789abcdef");
-    words.value = account.to_string();
+    edit(words, |account| account["digest"] = json!("0123456789abcdef"));
     let first = verify(&hash).first.expect("differs");
     assert_eq!((first.tick, first.signal.as_str()), (222, "step/guidance"));
     assert_eq!(verify(&hash).blocks[2].compared, 400, "all others are what they were");
@@ -191,10 +183,8 @@ fn a_plant_that_was_late_repeats_its_silent_steps() {
             offer(&mut ports, k - 1, &thrust(k - 1));
         }
         if k == 51 {
-            let command =
-                serde_json::from_value(json!({"thruster_gain": {"thruster": 2, "gain": 0.5}})).expect("legal");
-            plant.command(tick, &command).expect("is legal");
-            let value = serde_json::to_value(&command).expect("JSON");
+            let value = json!({"thruster_gain": {"thruster": 2, "gain": 0.5}});
+            plant.command(tick, &serde_json::from_value(value.clone()).expect("legal")).expect("is legal");
             keeper.run.commands.entry("plant".to_owned()).or_default().push(label(k, &value));
         }
         keeper.tick(tick).expect("in memory");
@@ -214,13 +204,12 @@ fn a_plant_that_was_late_repeats_its_silent_steps() {
         keeper.run.words.entry("step/plant".to_owned()).or_default().push(label(k, &account));
     }
     let mut kept = keeper.run;
-    let replay = Replay::new(&kept, messages.clone()).expect("can be replayed");
-    let done = replay.verify(None).expect("is replayed");
+    let done = verify_with(&kept, messages.clone());
     assert!(done.equal && exact(&done)["plant"] == (105, 105), "{done:?}");
 
     // Without the command that applied in silence it is another plant; that is a doubt, and no difference.
     kept.commands.clear();
-    let done = Replay::new(&kept, messages).expect("can be replayed").verify(None).expect("is replayed");
+    let done = verify_with(&kept, messages);
     let plant = &done.blocks[0];
     assert!(done.first.is_none() && plant.inexact[0].from_tick == 65, "{plant:?}");
     assert!(plant.inexact[0].why.contains("15 steps before tick 65 were late"), "{plant:?}");
@@ -242,22 +231,15 @@ fn offer(ports: &mut Ports<Plant>, k: u64, thrust: &Thrust) {
 fn of_two_writers_with_one_tick_the_one_that_a_block_was_listening_to_is_taken() {
     let trial = load("paper-gsta", &[]);
     let kept = over_a_network(&trial, 200);
-    let mut twin = Twin::new(&trial, 1).expect("is built");
-    let mut mission = Mission::new(&trial.trial.mission, DT_S);
     let mut messages = Messages::default();
-    for k in 0..200 {
-        let tick = Tick { k, dt_s: DT_S };
-        while let Some(command) = mission.due(tick) {
-            twin.command(tick, command).expect("is legal");
-        }
-        twin.step(tick);
+    fly(&trial, 200, |Tick { k, .. }, twin| {
         if (100..110).contains(&k) {
             // A second estimator speaks up, and comes through first.
             messages.add(k, "estimator-b", Nav { depth_m: 99.0, ..Nav::default() });
         }
         messages.add(k, "estimator-a", twin.outputs().expect("has stepped").nav.clone());
-    }
-    let done = Replay::new(&kept, messages).expect("can be replayed").verify(None).expect("is replayed");
+    });
+    let done = verify_with(&kept, messages);
     assert!(done.equal, "{:?}", done.first);
     assert!(!done.rebuilt.contains_key("estimator/nav") && done.rebuilt["controller/thrust"] == 200, "{done:?}");
 }
@@ -275,14 +257,15 @@ fn a_run_of_one_process_repeats_from_memory_with_its_hash() {
 #[test]
 fn words_that_are_no_account_are_named() {
     let mut kept = over_a_network(&load("paper-gsta", &[]), 20);
+    let mut commands = kept.clone();
+    let refused = |kept: &RecordedRun| Replay::new(kept, Messages::default()).expect_err("is refused").to_string();
     kept.words.get_mut("step/guidance").expect("is there")[7].value = "{}".to_owned();
-    let error = Replay::new(&kept, Messages::default()).expect_err("is refused").to_string();
+    let error = refused(&kept);
     assert!(error.starts_with("net: step/guidance at tick 7: missing field"), "{error}");
     kept.words.remove("step/guidance");
-    let error = Replay::new(&kept, Messages::default()).expect_err("is refused").to_string();
+    let error = refused(&kept);
     assert!(error.starts_with("net: nothing says which messages guidance used (step/guidance)"), "{error}");
-    let mut commands = over_a_network(&load("paper-gsta", &[]), 20);
     commands.commands.get_mut("guidance").expect("is there")[0].value = "{\"fly\":1}".to_owned();
-    let error = Replay::new(&commands, Messages::default()).expect_err("is refused").to_string();
+    let error = refused(&commands);
     assert!(error.contains("command/guidance at tick 0") && error.contains("fly"), "{error}");
 }

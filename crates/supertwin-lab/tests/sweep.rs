@@ -61,17 +61,15 @@ fn a_grid_is_every_value_with_every_other_in_a_fixed_order() {
     assert_eq!((sweep.seeds.as_slice(), sweep.keep_recordings), (&[7, 3][..], KeepRecordings::OnFail));
     assert_eq!(plan.configurations.len(), 2 * 2 * 3);
     assert_eq!(plan.runs.len(), 24);
-    assert_eq!(plan.runs[0].id, "paper-pid-grid0-seed7");
-    assert_eq!(plan.runs[1].id, "paper-pid-grid0-seed3");
-    assert_eq!(plan.runs[2].id, "paper-pid-grid1-seed7");
-    assert_eq!(plan.runs[23].id, "paper-agsta-grid5-seed3");
+    for (i, id) in [(0, "pid-grid0-seed7"), (1, "pid-grid0-seed3"), (2, "pid-grid1-seed7"), (23, "agsta-grid5-seed3")] {
+        assert_eq!(plan.runs[i].id, format!("paper-{id}"));
+    }
     let ids: BTreeSet<&String> = plan.runs.iter().map(|run| &run.id).collect();
     assert_eq!(ids.len(), 24);
     // The last parameter changes fastest, and both masses are multiplied.
-    let masses: Vec<f64> =
-        plan.configurations.iter().map(|one| one.trial.vehicle.truth.rigid_body.mass_kg.get()).collect();
-    for (mass, expected) in masses.iter().zip([45.0, 90.0, 180.0, 45.0]) {
-        assert!((mass - expected).abs() < 1e-9, "{masses:?}");
+    let mass_kg = |i: usize| plan.configurations[i].trial.vehicle.truth.rigid_body.mass_kg.get();
+    for (i, expected) in [45.0, 90.0, 180.0, 45.0].into_iter().enumerate() {
+        assert!((mass_kg(i) - expected).abs() < 1e-9, "configuration {i}: {}", mass_kg(i));
     }
     let heights = plan.configurations.iter().map(|one| one.trial.environment.waves.significant_height_m.get());
     assert_eq!(heights.take(4).collect::<Vec<_>>(), [0.2, 0.2, 0.2, 0.4]);
@@ -104,10 +102,8 @@ fn samples_fill_their_ranges_and_have_seeds_of_their_own() {
     assert_eq!((sweep.samples, first.runs.len()), (10, 10));
     assert_eq!(first.runs[9].id, "paper-pid-sample9-seed14");
     let values = |plan: &Plan| -> Vec<f64> {
-        plan.configurations
-            .iter()
-            .map(|one| one.values[0].as_ref().and_then(Value::as_float).expect("a number"))
-            .collect()
+        let number = |value: &Option<Value>| value.as_ref().and_then(Value::as_float).expect("a number");
+        plan.configurations.iter().map(|one| number(&one.values[0])).collect()
     };
     let mut strata: Vec<usize> = values(&first).iter().map(|x| (x / 2.0) as usize).collect();
     strata.sort_unstable();
@@ -121,65 +117,64 @@ fn samples_fill_their_ranges_and_have_seeds_of_their_own() {
     assert_eq!(second.runs[10].id, "paper-pid-grid1-sample0-seed5");
 }
 
+/// Changes of the head, and what is said of them.
+const OF_THE_HEAD: &str = r#"
+trials | trails | mine.toml:2:1: trails: unknown field `trails`
+trials | trails | did you mean `trials`?
+paper-pid | paper-pdi | did you mean `paper-pid`?
+["paper-pid"] | [] | mine.toml:2:10: trials = []: must name at least one
+["paper-pid"] | ["fair", "fair"] | mine.toml:2:19: trials: `fair` is named twice
+count = 2 | count = 0 | mine.toml:3:9: seeds: count = 0: must be 1 to 1000000
+start = 1, count = 2 | list = [1, 2, 1] | mine.toml:3:9: seeds: 1 is there twice
+start = 1, | | seeds: must be `start` and `count`, or a `list`
+"#;
+
+/// Parameters, their lines apart by semicolons, and what is said of them.
+const OF_A_PARAMETER: &str = r#"
+values = [1.0] | mine.toml:4:1: parameter: must have a `path`
+path = "vehicel.true.net_buoyancy_n"; values = [1.0] | mine.toml:5:8: parameter: section `vehicel`
+path = "vehicel.true.net_buoyancy_n"; values = [1.0] | did you mean `vehicle`?
+path = "vehicle.true.net_bouyancy_n"; values = [1.0] | mine.toml:4:1: parameter vehicle.true.net_bouyancy_n: vehicle.true.net_bouyancy_n=1.0: true.net_bouyancy_n: unknown field
+path = "vehicle.true.rigid_body.mass_kg"; values = [90.0, -90.0] | mine.toml:4:1: parameter vehicle.true.rigid_body.mass_kg: vehicle.true.rigid_body.mass_kg=-90.0: true.rigid_body.mass_kg: -90: must be positive
+path = "vehicle.true.net_buoyancy_n"; values = [1.0, 1.0] | values: 1.0 is there twice
+path = "vehicle.true.net_buoyancy_n"; from = 3.0; to = 1.0; steps = 2 | from = 3: must be less than
+path = "vehicle.true.net_buoyancy_n"; from = 1.0; to = 3.0; steps = 1 | steps = 1: must be 2 to
+path = "vehicle.true.net_buoyancy_n"; from = 1.0; to = 3.0 | needs `steps`, or a [latin_hypercube]
+path = "vehicle.true.net_buoyancy_n"; from = nan; to = 3.0 | mine.toml:6:8: parameter
+path = "vehicle.true.net_buoyancy_n"; from = 0.0; to = 3.0; steps = 2; spacing = "logarithmic" | must be positive where the spacing is logarithmic
+paths = ["vehicle.true.net_buoyancy_n", "trial.seed"]; values = [1.0] | need a `name`
+path = "controller.law.agsta.beta.surge"; values = [3.0] | no controller here has this law
+path = "trial.description"; times = true; values = [3.0] | only a number can be multiplied
+path = "trial.description"; times = true; values = ["x"] | all values must be numbers
+"#;
+
+/// Further lines of the head, and what is said of them.
+const MORE: &str = r#"
+latin_hypercube = { samples = 3, seed = 1 } | no parameter has a range without `steps`
+limits = "papper" | did you mean `paper`?
+baseline = "agsta" | baseline: `agsta` is no controller here; there are pid
+"#;
+
+/// The cells of a table's lines.
+fn rows<const N: usize>(table: &'static str) -> impl Iterator<Item = [&'static str; N]> {
+    let cells = |line: &'static str| line.split('|').map(str::trim).collect::<Vec<_>>();
+    table.trim().lines().map(move |line| cells(line).try_into().unwrap_or_else(|_| panic!("{line}")))
+}
+
 #[test]
 fn mistakes_are_named_with_file_line_value_and_rule() {
-    let with = |parameter: &str| format!("{HEAD}[[parameter]]\n{parameter}");
-    let cases = [
-        (HEAD.replace("trials", "trails"), "mine.toml:2:1: trails: unknown field `trails`"),
-        (HEAD.replace("trials", "trails"), "did you mean `trials`?"),
-        (HEAD.replace("paper-pid", "paper-pdi"), "did you mean `paper-pid`?"),
-        (HEAD.replace("[\"paper-pid\"]", "[]"), "mine.toml:2:10: trials = []: must name at least one"),
-        (HEAD.replace("[\"paper-pid\"]", "[\"fair\", \"fair\"]"), "mine.toml:2:19: trials: `fair` is named twice"),
-        (HEAD.replace("count = 2", "count = 0"), "mine.toml:3:9: seeds: count = 0: must be 1 to 1000000"),
-        (HEAD.replace("start = 1, count = 2", "list = [1, 2, 1]"), "mine.toml:3:9: seeds: 1 is there twice"),
-        (HEAD.replace("start = 1, ", ""), "seeds: must be `start` and `count`, or a `list`"),
-        (with("values = [1.0]\n"), "mine.toml:4:1: parameter: must have a `path`"),
-        (
-            with("path = \"vehicel.true.net_buoyancy_n\"\nvalues = [1.0]\n"),
-            "mine.toml:5:8: parameter: section `vehicel`",
-        ),
-        (with("path = \"vehicel.true.net_buoyancy_n\"\nvalues = [1.0]\n"), "did you mean `vehicle`?"),
-        (
-            with("path = \"vehicle.true.net_bouyancy_n\"\nvalues = [1.0]\n"),
-            "mine.toml:4:1: parameter vehicle.true.net_bouyancy_n: vehicle.true.net_bouyancy_n=1.0: \
-             true.net_bouyancy_n: unknown field",
-        ),
-        (
-            with("path = \"vehicle.true.rigid_body.mass_kg\"\nvalues = [90.0, -90.0]\n"),
-            "mine.toml:4:1: parameter vehicle.true.rigid_body.mass_kg: vehicle.true.rigid_body.mass_kg=-90.0: \
-             true.rigid_body.mass_kg: -90: must be positive",
-        ),
-        (with("path = \"vehicle.true.net_buoyancy_n\"\nvalues = [1.0, 1.0]\n"), "values: 1.0 is there twice"),
-        (
-            with("path = \"vehicle.true.net_buoyancy_n\"\nfrom = 3.0\nto = 1.0\nsteps = 2\n"),
-            "from = 3: must be less than",
-        ),
-        (with("path = \"vehicle.true.net_buoyancy_n\"\nfrom = 1.0\nto = 3.0\nsteps = 1\n"), "steps = 1: must be 2 to"),
-        (
-            with("path = \"vehicle.true.net_buoyancy_n\"\nfrom = 1.0\nto = 3.0\n"),
-            "needs `steps`, or a [latin_hypercube]",
-        ),
-        (with("path = \"vehicle.true.net_buoyancy_n\"\nfrom = nan\nto = 3.0\n"), "mine.toml:6:8: parameter"),
-        (
-            with(
-                "path = \"vehicle.true.net_buoyancy_n\"\nfrom = 0.0\nto = 3.0\nsteps = 2\nspacing = \"logarithmic\"\n",
-            ),
-            "must be positive where the spacing is logarithmic",
-        ),
-        (with("paths = [\"vehicle.true.net_buoyancy_n\", \"trial.seed\"]\nvalues = [1.0]\n"), "need a `name`"),
-        (with("path = \"controller.law.agsta.beta.surge\"\nvalues = [3.0]\n"), "no controller here has this law"),
-        (with("path = \"trial.description\"\ntimes = true\nvalues = [3.0]\n"), "only a number can be multiplied"),
-        (with("path = \"trial.description\"\ntimes = true\nvalues = [\"x\"]\n"), "all values must be numbers"),
-        (format!("{HEAD}latin_hypercube = {{ samples = 3, seed = 1 }}\n"), "no parameter has a range without `steps`"),
-        (format!("{HEAD}limits = \"papper\"\n"), "did you mean `paper`?"),
-        (format!("{HEAD}baseline = \"agsta\"\n"), "baseline: `agsta` is no controller here; there are pid"),
-    ];
+    let with = |parameter: &str| format!("{HEAD}[[parameter]]\n{}\n", parameter.replace("; ", "\n"));
+    let head = rows(OF_THE_HEAD).map(|[was, is, expected]| (HEAD.replace(was, is), expected));
+    let parameters = rows(OF_A_PARAMETER).map(|[parameter, expected]| (with(parameter), expected));
+    let more = rows(MORE).map(|[line, expected]| (format!("{HEAD}{line}\n"), expected));
+    let cases: Vec<_> = head.chain(parameters).chain(more).collect();
+    assert_eq!(cases.len(), 26);
     for (text, expected) in cases {
         let said = wrong(&text);
         assert!(said.contains(expected), "{expected}\nis not in\n{said}\nof\n{text}");
         assert!(["mine.toml", "paper-pdi", "papper"].iter().any(|name| said.contains(name)), "{said}");
     }
-    let set = plan_with(&with("path = \"trial.duration_s\"\nvalues = [60.0]\n"), &["trial.duration_s=70"]);
+    let set = plan_with(&with("path = \"trial.duration_s\"; values = [60.0]"), &["trial.duration_s=70"]);
     let said = set.expect_err("both").to_string();
     assert!(said.contains("trial.duration_s: the sweep changes what --set fixes"), "{said}");
     load(HEAD).expect("the rest of it is legal");

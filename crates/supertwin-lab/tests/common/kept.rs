@@ -1,57 +1,29 @@
 //! A run that is kept in memory, to be read again and changed.
 #![allow(dead_code, unreachable_pub, reason = "each test file uses its part")]
 
+#[path = "../../../../tests/support/keeper.rs"]
+mod keeper;
+
+pub use keeper::Keeper;
+use supertwin_core::RecordedRun;
 use supertwin_core::run::Properties;
-use supertwin_core::source::Label;
-use supertwin_core::{Event, Probe, RecordedRun, RunHeader, RunSink, Signal, SinkError, Tick};
+use supertwin_core::source::Columns;
 use supertwin_lab::{ResolvedTrial, RunOutcome, run};
-
-/// Keeps a run in memory.
-#[derive(Clone, Debug, Default)]
-pub struct Keeper {
-    pub run: RecordedRun,
-    tick: i64,
-}
-
-impl Probe for Keeper {
-    fn vector(&mut self, signal: &'static Signal, values: &[f64]) {
-        let columns = self.run.signals.entry(signal.path.to_owned()).or_default();
-        columns.width = values.len();
-        columns.tick.push(self.tick);
-        columns.time_ns.push(self.tick * 20_000_000);
-        columns.values.extend_from_slice(values);
-    }
-    fn label(&mut self, signal: &'static Signal, value: &'static str) {
-        let labels = self.run.labels.entry(signal.path.to_owned()).or_default();
-        if labels.last().is_none_or(|last| last.value != value) {
-            labels.push(Label { tick: self.tick, time_ns: self.tick * 20_000_000, value: value.to_owned() });
-        }
-    }
-}
-
-impl RunSink for Keeper {
-    fn begin(&mut self, header: &RunHeader) -> Result<(), SinkError> {
-        self.run.name.clone_from(&header.name);
-        self.run.properties.insert("run".to_owned(), header.properties.clone());
-        Ok(())
-    }
-    fn tick(&mut self, tick: Tick) -> Result<(), SinkError> {
-        self.tick = tick.k as i64;
-        Ok(())
-    }
-    fn event(&mut self, event: &Event) -> Result<(), SinkError> {
-        self.run.events.push(event.clone());
-        Ok(())
-    }
-    fn finish(&mut self, results: &Properties) -> Result<(), SinkError> {
-        self.run.properties.insert("result".to_owned(), results.clone());
-        Ok(())
-    }
-}
 
 /// Runs into memory.
 pub fn keep(trial: &ResolvedTrial, seed: u64) -> (RecordedRun, RunOutcome) {
     let mut keeper = Keeper::default();
     let outcome = run(trial, seed, &mut keeper, Some(&Properties::new()), |_| true).expect("runs");
     (keeper.run, outcome)
+}
+
+/// The columns without the rows of some ticks.
+pub fn without_rows(columns: &Columns, gone: impl Fn(i64) -> bool) -> Columns {
+    let mut left = Columns { width: columns.width, names: columns.names.clone(), ..Columns::default() };
+    for (row, &tick) in columns.tick.iter().enumerate().filter(|(_, tick)| !gone(**tick)) {
+        left.tick.push(tick);
+        left.time_ns.push(columns.time_ns[row]);
+        left.values.extend_from_slice(columns.row(row).expect("a row"));
+    }
+    left
 }

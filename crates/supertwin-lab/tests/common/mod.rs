@@ -1,16 +1,19 @@
-//! What the tests of the lab share: the shipped configuration, and sinks that listen.
+//! What the tests of the lab share: the shipped configuration, and runs that are kept.
 #![allow(dead_code, unreachable_pub, reason = "each test file uses its part")]
 
 pub mod kept;
 
-use supertwin_core::run::Properties;
-use supertwin_core::{Event, NoSink, Probe, RunHeader, RunSink, Signal, SinkError, Tick};
-use supertwin_lab::{Library, Override, ResolvedTrial, RunOutcome, Scores, run, trial};
+use supertwin_core::{NoSink, Tick};
+use supertwin_lab::mission::Mission;
+use supertwin_lab::{Library, Override, ResolvedTrial, RunOutcome, Scores, Twin, run, trial};
+
+/// Folder of the shipped configuration.
+pub const CONFIG: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config");
 
 /// The shipped configuration with overrides.
 pub fn library(overrides: &[&str]) -> Library {
     let overrides: Vec<Override> = overrides.iter().map(|text| text.parse().expect("a legal override")).collect();
-    Library::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../config"), overrides)
+    Library::new(CONFIG, overrides)
 }
 
 /// A shipped trial's first controller.
@@ -38,52 +41,16 @@ pub fn mean(scores: &[Scores], value: impl Fn(&Scores) -> f64) -> f64 {
     scores.iter().map(value).sum::<f64>() / scores.len() as f64
 }
 
-/// Remembers one signal, all events, and how often it was called.
-#[derive(Default)]
-pub struct Listener {
-    pub path: &'static str,
-    pub rows: Vec<(u64, Vec<f64>)>,
-    pub events: Vec<Event>,
-    pub header: Option<RunHeader>,
-    pub results: Option<Properties>,
-    pub signals: std::collections::BTreeSet<&'static str>,
-    tick: u64,
-}
-
-impl Listener {
-    /// Listens to one signal.
-    pub fn to(path: &'static str) -> Self {
-        Self { path, ..Self::default() }
-    }
-}
-
-impl Probe for Listener {
-    fn vector(&mut self, signal: &'static Signal, values: &[f64]) {
-        self.signals.insert(signal.path);
-        if signal.path == self.path {
-            self.rows.push((self.tick, values.to_vec()));
+/// A twin that goes through its mission; `look` sees it after every step of the first `ticks`.
+pub fn fly(trial: &ResolvedTrial, ticks: u64, mut look: impl FnMut(Tick, &mut Twin)) {
+    let mut twin = Twin::new(trial, 1).expect("legal");
+    let mut mission = Mission::new(&trial.trial.mission, 0.02);
+    for k in 0..ticks {
+        let tick = Tick { k, dt_s: 0.02 };
+        while let Some(command) = mission.due(tick) {
+            twin.command(tick, command).expect("accepted");
         }
-    }
-    fn label(&mut self, signal: &'static Signal, _: &'static str) {
-        self.signals.insert(signal.path);
-    }
-}
-
-impl RunSink for Listener {
-    fn begin(&mut self, header: &RunHeader) -> Result<(), SinkError> {
-        self.header = Some(header.clone());
-        Ok(())
-    }
-    fn tick(&mut self, tick: Tick) -> Result<(), SinkError> {
-        self.tick = tick.k;
-        Ok(())
-    }
-    fn event(&mut self, event: &Event) -> Result<(), SinkError> {
-        self.events.push(event.clone());
-        Ok(())
-    }
-    fn finish(&mut self, results: &Properties) -> Result<(), SinkError> {
-        self.results = Some(results.clone());
-        Ok(())
+        twin.step(tick);
+        look(tick, &mut twin);
     }
 }
