@@ -7,8 +7,6 @@ use proptest::test_runner::RngSeed;
 use supertwin_gnc::Allocation;
 
 const MAX_N: f64 = 100.0;
-/// The cases are the same in every run.
-const SEED: u64 = 1;
 
 fn allocation(dead_band_n: f64) -> Allocation {
     Allocation::new(thrusters(), dead_band_n, &tolerance())
@@ -25,11 +23,10 @@ fn flags(requested: &Vector4<f64>, allocated: &Vector4<f64>) -> [bool; 4] {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig {
-        rng_seed: RngSeed::Fixed(SEED),
-        failure_persistence: None,
-        ..ProptestConfig::default()
-    })]
+    // The cases are the same in every run.
+    #![proptest_config(
+        ProptestConfig { rng_seed: RngSeed::Fixed(1), failure_persistence: None, ..ProptestConfig::default() }
+    )]
 
     #[test]
     fn a_wrench_within_the_limits_is_allocated_exactly(tau in wrenches(0.6)) {
@@ -103,9 +100,7 @@ fn forces_inside_the_dead_band_are_dropped_and_flag_nothing() {
 #[test]
 fn beyond_the_single_axis_limits_only_the_axis_itself_is_limited() {
     for (axis, limit) in [(0, 282.8), (1, 282.8), (2, 200.0), (3, 147.1)] {
-        let mut tau = Vector4::zeros();
-        tau[axis] = -2.0 * limit;
-        let allocated = allocation(0.0).allocate(&tau);
+        let allocated = allocation(0.0).allocate(&Vector4::ith(axis, -2.0 * limit));
         assert!((allocated.wrench[axis] + limit).abs() < 0.05, "axis {axis}: {}", allocated.wrench[axis]);
         for i in 0..4 {
             assert_eq!(allocated.limited[i], i == axis);

@@ -42,34 +42,21 @@ fn controller_phi1(sigma: &Vector4<f64>) -> Vector4<f64> {
 
 /// Central differences of `f`.
 fn jacobian(model: &Hydrodynamics, nu: &Vector4<f64>, step: f64) -> Matrix4<f64> {
-    let mut jacobian = Matrix4::zeros();
-    for j in 0..4 {
-        let mut delta = Vector4::zeros();
-        delta[j] = step;
-        jacobian.set_column(j, &((f(model, &(nu + delta)) - f(model, &(nu - delta))) / (2.0 * step)));
-    }
-    jacobian
+    let column = |j: usize| {
+        let delta = Vector4::ith(j, step);
+        (f(model, &(nu + delta)) - f(model, &(nu - delta))) / (2.0 * step)
+    };
+    Matrix4::from_columns(&[0, 1, 2, 3].map(column))
 }
 
 /// An upper bound of the Frobenius norm of `∂f/∂nu` over the range, from the analytic entries' largest sizes.
 fn lipschitz_bound(model: &Hydrodynamics) -> f64 {
     let (m, w) = (model.M(), model.M_inv());
     let [u, v, _, r] = RANGE;
-    let mut sum2 = 0.0;
-    for i in 0..4 {
-        let drag = w[i] * (model.D_l()[i] + 2.0 * model.D_q()[i] * RANGE[i]);
-        sum2 += drag * drag;
-    }
-    let off_diagonal = [
-        w[0] * m[1] * r,
-        w[0] * m[1] * v,
-        w[1] * m[0] * r,
-        w[1] * m[0] * u,
-        w[3] * (m[1] - m[0]).abs() * v,
-        w[3] * (m[1] - m[0]).abs() * u,
-    ];
-    sum2 += off_diagonal.iter().map(|x| x * x).sum::<f64>();
-    sum2.sqrt()
+    let drag = (0..4).map(|i| w[i] * (model.D_l()[i] + 2.0 * model.D_q()[i] * RANGE[i]));
+    let munk = w[3] * (m[1] - m[0]).abs();
+    let off_diagonal = [w[0] * m[1] * r, w[0] * m[1] * v, w[1] * m[0] * r, w[1] * m[0] * u, munk * v, munk * u];
+    drag.chain(off_diagonal).map(|x| x * x).sum::<f64>().sqrt()
 }
 
 /// References and waves of the trials: speeds along the net that turn round, a depth that follows a sine, swell of
@@ -131,8 +118,7 @@ fn assumption_8_the_perturbation_is_continuously_differentiable_in_sigma() {
         let i = (draw.uniform(0.0, 4.0) as usize).min(3);
         nu[i] = 0.0;
         for step in [1e-3, 1e-4, 1e-5] {
-            let mut delta = Vector4::zeros();
-            delta[i] = step;
+            let delta = Vector4::ith(i, step);
             let jump = jacobian(&model, &(nu + delta), step / 8.0) - jacobian(&model, &(nu - delta), step / 8.0);
             // The second derivative is bounded: the difference falls with the distance.
             assert!(jump.amax() < 20.0 * step, "{} at step {step}", jump.amax());
@@ -203,9 +189,7 @@ fn assumption_10_the_corrected_phi_1_vanishes_and_is_bounded_by_rho() {
         rho = rho.max(phi_1.norm() / controller_phi1(&sigma).norm());
         steepest = steepest.max(phi_1.norm() / sigma.norm());
     }
-    println!(
-        "assumption 10: ρ = {rho:.3} (sample), ≤ {guaranteed:.2} (analytic); ‖φ_1‖/‖σ‖ = {steepest:.2} ≤ {bound:.2}"
-    );
+    println!("assumption 10: ρ = {rho:.3}, ≤ {guaranteed:.2} (analytic); ‖φ_1‖/‖σ‖ = {steepest:.2} ≤ {bound:.2}");
     assert!(steepest <= bound, "{steepest} against the analytic bound {bound}");
     assert!(rho <= guaranteed);
     // The figure itself: of order one, so the controller's φ1 dominates the vanishing perturbation with a modest gain.
@@ -265,13 +249,10 @@ fn assumption_11_delta_1_is_bounded_and_delta_2_is_zero() {
     }
     // Axis by axis: the wave's M ω² U, and the references' part on top.
     let wave = WAVE_OMEGA * WAVE_OMEGA * particle_speed();
-    println!(
-        "assumption 11: δ_1 ≤ {:.1?} N/s, N m/s (waves alone {:.1?}), δ_2 = 0",
-        delta_1.as_slice(),
-        [model.M()[0] * wave, model.M()[1] * wave, model.M()[2] * wave]
-    );
+    let waves = model.M() * wave;
+    println!("assumption 11: δ_1 ≤ {:.1?} N/s, N m/s (waves alone {:.1?})", delta_1.as_slice(), waves.as_slice());
     for i in 0..3 {
-        let waves_alone = model.M()[i] * wave;
+        let waves_alone = waves[i];
         assert!(delta_1[i] >= 0.9 * waves_alone && delta_1[i] <= waves_alone + 40.0, "axis {i}: {}", delta_1[i]);
     }
     // δ_1 of the theorem: one number that bounds them all.

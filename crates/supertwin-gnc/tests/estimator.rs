@@ -66,8 +66,7 @@ fn the_analytic_jacobian_is_that_of_central_differences() {
         // F = I + h ∂f/∂x.
         let analytic = (ekf.dense_jacobian(h) - Covariance::identity()) / h;
         for j in 0..STATES {
-            let mut delta = State::zeros();
-            delta[j] = 1e-6;
+            let delta = State::ith(j, 1e-6);
             let column = (ekf.derivative(&(x + delta), &tau) - ekf.derivative(&(x - delta), &tau)) / 2e-6;
             worst = worst.max((analytic.column(j) - column).amax());
         }
@@ -132,12 +131,8 @@ fn the_covariance_stays_symmetric_and_positive_over_a_long_run() {
     let mut smallest = f64::INFINITY;
     for k in 0..100_000 {
         let t = f64::from(k) * H_S;
-        let wave = Vector4::new(
-            100.0 * (0.3 * t).sin(),
-            80.0 * (0.2 * t).cos(),
-            60.0 * (0.5 * t).sin(),
-            8.0 * (0.4 * t).sin(),
-        );
+        let (surge, sway, heave) = (100.0 * (0.3 * t).sin(), 80.0 * (0.2 * t).cos(), 60.0 * (0.5 * t).sin());
+        let wave = Vector4::new(surge, sway, heave, 8.0 * (0.4 * t).sin());
         ekf.predict(&wave, H_S);
         ekf.update(NU + 3, ekf.x[NU + 3] + 0.007 * draw.normal(), 4.9e-5, None);
         if k % 5 == 0 {

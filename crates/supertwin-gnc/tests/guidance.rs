@@ -170,8 +170,53 @@ fn t15_angles_take_the_short_way_across_plus_minus_pi_both_ways() {
 
 // ---------------------------------------------------------------------------------------------------- the block, bits
 
-fn guidance() -> Guidance {
-    Guidance::new(&guidance_config("net-following"), NAV_LIMIT_S, H_S)
+/// The block with its clock.
+#[derive(Clone)]
+struct Bench {
+    guidance: Guidance,
+    k: u64,
+}
+
+impl Bench {
+    /// At the first tick, with nothing commanded.
+    fn idle() -> Self {
+        Self { guidance: Guidance::new(&guidance_config("net-following"), NAV_LIMIT_S, H_S), k: 0 }
+    }
+
+    fn new(mode: Mode) -> Self {
+        let mut bench = Self::idle();
+        bench.ask(GuidanceCommand::Mode(mode));
+        bench
+    }
+
+    fn ask(&mut self, command: GuidanceCommand) {
+        self.guidance.command(tick(self.k), &command).expect("obeyed");
+    }
+
+    fn step_with(&mut self, nav: Input<&Nav>, operator: OperatorLink) -> Reference {
+        let reference = self.guidance.step(tick(self.k), GuidanceInput { nav, operator });
+        self.k += 1;
+        reference
+    }
+
+    fn step(&mut self, nav: &Nav) -> Reference {
+        self.step_with(Input::Fresh(nav), OperatorLink::Present)
+    }
+
+    /// Steps on fresh, constant navigation; the last reference.
+    fn run(&mut self, ticks: u64, nav: &Nav) -> Reference {
+        (1..ticks).for_each(|_| drop(self.step(nav)));
+        self.step(nav)
+    }
+
+    fn reason(&self) -> Reason {
+        self.guidance.reason
+    }
+
+    fn target(&self) -> [f64; 2] {
+        let shown = Snapshot::of(&self.guidance);
+        shown.get(&signal::guidance::TARGET).expect("shown").try_into().expect("two numbers")
+    }
 }
 
 fn nav(depth_m: f64, heading_rad: f64) -> Nav {
@@ -179,176 +224,124 @@ fn nav(depth_m: f64, heading_rad: f64) -> Nav {
     Nav { depth_m, heading_rad, net, ..Nav::default() }
 }
 
-fn step(guidance: &mut Guidance, k: u64, nav: &Nav) -> Reference {
-    guidance.step(tick(k), GuidanceInput { nav: Input::Fresh(nav), operator: OperatorLink::Present })
-}
-
-fn ask(guidance: &mut Guidance, k: u64, command: &GuidanceCommand) {
-    guidance.command(tick(k), command).expect("obeyed");
-}
-
-fn target(guidance: &Guidance) -> [f64; 2] {
-    let shown = Snapshot::of(guidance);
-    shown.get(&signal::guidance::TARGET).expect("shown").try_into().expect("two numbers")
-}
-
-/// Steps on fresh, constant navigation from `k` on; the last reference.
-fn run(guidance: &mut Guidance, k: &mut u64, ticks: u64, nav: &Nav) -> Reference {
-    let mut reference = Reference::default();
-    for _ in 0..ticks {
-        reference = step(guidance, *k, nav);
-        *k += 1;
-    }
-    reference
-}
-
 #[test]
 fn before_the_first_navigation_guidance_waits_in_neutral() {
-    let mut guidance = guidance();
-    ask(&mut guidance, 0, &GuidanceCommand::Mode(Mode::DepthHeadingHold));
-    for k in 0..10 {
-        let input = GuidanceInput { nav: Input::Missing, operator: OperatorLink::Present };
-        let reference = guidance.step(tick(k), input);
-        assert_eq!(reference.mode, Mode::Neutral);
-        assert_eq!(guidance.reason, Reason::WaitingForNav);
+    let mut bench = Bench::new(Mode::DepthHeadingHold);
+    for _ in 0..10 {
+        let reference = bench.step_with(Input::Missing, OperatorLink::Present);
+        assert_eq!((reference.mode, bench.reason()), (Mode::Neutral, Reason::WaitingForNav));
     }
-    let reference = step(&mut guidance, 10, &nav(2.0, 0.7));
-    assert_eq!((reference.mode, guidance.reason), (Mode::DepthHeadingHold, Reason::Commanded));
+    let reference = bench.step(&nav(2.0, 0.7));
+    assert_eq!((reference.mode, bench.reason()), (Mode::DepthHeadingHold, Reason::Commanded));
     assert_eq!((reference.depth_m, reference.heading_rad), (2.0, 0.7), "it holds where the vehicle is");
 }
 
 #[test]
 fn neutral_keeps_the_references_on_the_vehicle() {
-    let mut guidance = guidance();
+    let mut bench = Bench::idle();
     let mut draw = Stream::new(1, "drift");
-    for k in 0..200 {
+    for _ in 0..200 {
         let here = nav(5.0 + draw.normal(), draw.uniform(-PI, PI));
-        let reference = step(&mut guidance, k, &here);
-        let expected = Reference {
-            depth_m: here.depth_m,
-            heading_rad: here.heading_rad,
-            net_distance_m: 3.0,
-            ..Reference::default()
-        };
-        assert_eq!(reference, expected);
+        let (depth_m, heading_rad) = (here.depth_m, here.heading_rad);
+        let expected = Reference { depth_m, heading_rad, net_distance_m: 3.0, ..Reference::default() };
+        assert_eq!(bench.step(&here), expected);
     }
     // From there into hold: no step in depth or heading.
     let here = nav(4.2, -2.2);
-    step(&mut guidance, 200, &here);
-    ask(&mut guidance, 201, &GuidanceCommand::Mode(Mode::DepthHeadingHold));
-    let mut k = 201;
-    let reference = run(&mut guidance, &mut k, 500, &here);
+    bench.step(&here);
+    bench.ask(GuidanceCommand::Mode(Mode::DepthHeadingHold));
+    let reference = bench.run(500, &here);
     assert_eq!((reference.depth_m, reference.heading_rad), (4.2, -2.2));
 }
 
 #[test]
 fn hold_goes_to_its_set_points_at_rest_in_surge_and_sway() {
-    let mut guidance = guidance();
-    let mut k = 0;
-    ask(&mut guidance, k, &GuidanceCommand::Mode(Mode::DepthHeadingHold));
-    run(&mut guidance, &mut k, 1, &nav(1.5, 0.2));
-    ask(&mut guidance, k, &GuidanceCommand::DepthM(Setpoint::Constant(3.5)));
-    ask(&mut guidance, k, &GuidanceCommand::HeadingRad(Setpoint::Constant(-0.4)));
-    let reference = run(&mut guidance, &mut k, 2000, &nav(1.5, 0.2));
+    let mut bench = Bench::new(Mode::DepthHeadingHold);
+    bench.step(&nav(1.5, 0.2));
+    bench.ask(GuidanceCommand::DepthM(Setpoint::Constant(3.5)));
+    bench.ask(GuidanceCommand::HeadingRad(Setpoint::Constant(-0.4)));
+    let reference = bench.run(2000, &nav(1.5, 0.2));
     assert!((reference.depth_m - 3.5).abs() < 1e-4 && (reference.heading_rad + 0.4).abs() < 1e-6, "{reference:?}");
     assert_eq!((reference.surge_m_per_s, reference.sway_m_per_s, reference.speed_m_per_s), (0.0, 0.0, 0.0));
-    assert_eq!(target(&guidance), [3.5, -0.4]);
+    assert_eq!(bench.target(), [3.5, -0.4]);
 }
 
 #[test]
 fn following_the_net_faces_it_and_travels_by_line_of_sight() {
-    let mut guidance = guidance();
-    let mut k = 0;
-    ask(&mut guidance, k, &GuidanceCommand::Mode(Mode::FollowNet));
+    let mut bench = Bench::new(Mode::FollowNet);
     // 0.4 m too far out at 0.2 m/s, facing the net: u_d = U sin(atan(0.4/2)), v_d = U cos(…) to starboard.
     let here = nav(2.0, 0.5);
-    let reference = run(&mut guidance, &mut k, 1500, &here);
     let angle = 0.2f64.atan();
-    assert_eq!(reference.mode, Mode::FollowNet);
-    assert!((reference.surge_m_per_s - 0.2 * angle.sin()).abs() < 1e-6, "{}", reference.surge_m_per_s);
-    assert!((reference.sway_m_per_s - 0.2 * angle.cos()).abs() < 1e-6);
-    assert!((reference.heading_rad - 0.5).abs() < 1e-9);
-    assert_eq!((reference.speed_m_per_s, reference.net_distance_m), (0.2, 3.0));
-    ask(&mut guidance, k, &GuidanceCommand::Direction(Direction::Port));
-    let reference = run(&mut guidance, &mut k, 1500, &here);
-    assert!((reference.surge_m_per_s - 0.2 * angle.sin()).abs() < 1e-6, "still towards the net");
-    assert!((reference.sway_m_per_s + 0.2 * angle.cos()).abs() < 1e-6);
-    assert_eq!(reference.speed_m_per_s, -0.2);
+    for (direction, side) in [(None, 1.0), (Some(Direction::Port), -1.0)] {
+        direction.into_iter().for_each(|to| bench.ask(GuidanceCommand::Direction(to)));
+        let reference = bench.run(1500, &here);
+        assert_eq!(reference.mode, Mode::FollowNet);
+        assert!((reference.surge_m_per_s - 0.2 * angle.sin()).abs() < 1e-6, "towards the net: {reference:?}");
+        assert!((reference.sway_m_per_s - side * 0.2 * angle.cos()).abs() < 1e-6, "{reference:?}");
+        assert!((reference.heading_rad - 0.5).abs() < 1e-9);
+        assert_eq!((reference.speed_m_per_s, reference.net_distance_m), (side * 0.2, 3.0));
+    }
 }
 
 #[test]
 fn set_points_follow_their_profiles() {
-    let mut guidance = guidance();
-    let mut k = 0;
+    let mut bench = Bench::new(Mode::DepthHeadingHold);
     let here = nav(2.0, 0.0);
-    ask(&mut guidance, k, &GuidanceCommand::Mode(Mode::DepthHeadingHold));
-    run(&mut guidance, &mut k, 1, &here);
+    bench.step(&here);
     // A ramp, from where the set-point is.
-    let from = k;
-    ask(&mut guidance, k, &GuidanceCommand::DepthM(Setpoint::Ramp { to: 5.0, over_s: 30.0 }));
+    bench.ask(GuidanceCommand::DepthM(Setpoint::Ramp { to: 5.0, over_s: 30.0 }));
     let mut reference = Reference::default();
-    while k < from + 1500 {
-        reference = run(&mut guidance, &mut k, 1, &here);
-        let elapsed_s = (k - 1 - from) as f64 * H_S;
-        assert!((target(&guidance)[0] - (2.0 + 0.1 * elapsed_s)).abs() < 1e-9, "at {elapsed_s} s");
+    for k in 0..1500 {
+        reference = bench.step(&here);
+        let elapsed_s = f64::from(k) * H_S;
+        assert!((bench.target()[0] - (2.0 + 0.1 * elapsed_s)).abs() < 1e-9, "at {elapsed_s} s");
     }
     // On a ramp a critically damped model trails by 2/ω of its slope.
     assert!((reference.depth_m_per_s - 0.1).abs() < 1e-4);
-    assert!((target(&guidance)[0] - reference.depth_m - 0.1 * 2.0 / 0.6).abs() < 5e-3, "{}", reference.depth_m);
+    assert!((bench.target()[0] - reference.depth_m - 0.1 * 2.0 / 0.6).abs() < 5e-3, "{}", reference.depth_m);
     // A sine about the depth, and another in heading across the seam.
-    let from = k;
-    ask(&mut guidance, k, &GuidanceCommand::DepthM(Setpoint::Sine { mean: 5.0, amplitude: 0.5, period_s: 20.0 }));
-    ask(&mut guidance, k, &GuidanceCommand::HeadingRad(Setpoint::Sine { mean: PI, amplitude: 0.3, period_s: 30.0 }));
-    for _ in 0..3000 {
-        run(&mut guidance, &mut k, 1, &here);
-        let elapsed_s = (k - 1 - from) as f64 * H_S;
-        let [depth_m, heading_rad] = target(&guidance);
+    bench.ask(GuidanceCommand::DepthM(Setpoint::Sine { mean: 5.0, amplitude: 0.5, period_s: 20.0 }));
+    bench.ask(GuidanceCommand::HeadingRad(Setpoint::Sine { mean: PI, amplitude: 0.3, period_s: 30.0 }));
+    for k in 0..3000 {
+        bench.step(&here);
+        let elapsed_s = f64::from(k) * H_S;
+        let [depth_m, heading_rad] = bench.target();
         assert!((depth_m - 5.0 - 0.5 * (PI * elapsed_s / 10.0).sin()).abs() < 1e-9);
         assert!((heading_rad - PI - 0.3 * (PI * elapsed_s / 15.0).sin()).abs() < 1e-9);
     }
     // Distance and speed along the net.
-    ask(&mut guidance, k, &GuidanceCommand::Mode(Mode::FollowNet));
-    ask(&mut guidance, k, &GuidanceCommand::NetDistanceM(Setpoint::Ramp { to: 2.0, over_s: 10.0 }));
-    ask(&mut guidance, k, &GuidanceCommand::SpeedMPerS(Setpoint::Ramp { to: 0.4, over_s: 10.0 }));
-    ask(&mut guidance, k, &GuidanceCommand::Direction(Direction::Port));
-    let reference = run(&mut guidance, &mut k, 251, &here);
+    bench.ask(GuidanceCommand::Mode(Mode::FollowNet));
+    bench.ask(GuidanceCommand::NetDistanceM(Setpoint::Ramp { to: 2.0, over_s: 10.0 }));
+    bench.ask(GuidanceCommand::SpeedMPerS(Setpoint::Ramp { to: 0.4, over_s: 10.0 }));
+    bench.ask(GuidanceCommand::Direction(Direction::Port));
+    let reference = bench.run(251, &here);
     assert!((reference.net_distance_m - 2.5).abs() < 1e-9 && (reference.speed_m_per_s + 0.3).abs() < 1e-9);
 }
 
 #[test]
 fn set_points_outside_their_limits_are_refused_with_value_and_rule_and_change_nothing() {
-    let mut guidance = guidance();
-    let mut k = 0;
-    ask(&mut guidance, k, &GuidanceCommand::Mode(Mode::FollowNet));
+    use GuidanceCommand::{DepthM, HeadingRad, NetDistanceM, SpeedMPerS};
+    use Setpoint::Constant;
+    let mut bench = Bench::new(Mode::FollowNet);
     let here = nav(2.0, 0.5);
-    run(&mut guidance, &mut k, 100, &here);
-    let untouched = guidance.clone();
+    bench.run(100, &here);
+    let mut untouched = bench.clone();
     let sine = Setpoint::Sine { mean: 0.3, amplitude: 0.5, period_s: 10.0 };
-    let cases = [
-        (GuidanceCommand::DepthM(Setpoint::Constant(20.0)), "depth_m = 20: must lie between 0 and 14"),
-        (GuidanceCommand::DepthM(sine), "depth_m = -0.2: must lie between 0 and 14"),
-        (GuidanceCommand::DepthM(Setpoint::Constant(f64::NAN)), "depth_m = NaN: must lie between 0 and 14"),
-        (
-            GuidanceCommand::DepthM(Setpoint::Ramp { to: 3.0, over_s: 0.0 }),
-            "depth_m: the time 0 s must be at least 0.001 s and finite",
-        ),
-        (GuidanceCommand::NetDistanceM(Setpoint::Constant(0.5)), "net_distance_m = 0.5: must lie between 1 and 8"),
-        (
-            GuidanceCommand::NetDistanceM(Setpoint::Ramp { to: 9.0, over_s: 5.0 }),
-            "net_distance_m = 9: must lie between 1 and 8",
-        ),
-        (GuidanceCommand::SpeedMPerS(Setpoint::Constant(0.6)), "speed_m_per_s = 0.6: must lie between 0 and 0.5"),
-        (GuidanceCommand::SpeedMPerS(Setpoint::Constant(-0.1)), "speed_m_per_s = -0.1: must lie between 0 and 0.5"),
-        (
-            GuidanceCommand::HeadingRad(Setpoint::Constant(f64::INFINITY)),
-            "heading_rad = inf: must lie between -6.283185307179586 and 6.283185307179586",
-        ),
-    ];
-    for (command, message) in cases {
-        let refusal = guidance.command(tick(k), &command).expect_err("outside");
+    let (at_once, too_far) = (Setpoint::Ramp { to: 3.0, over_s: 0.0 }, Setpoint::Ramp { to: 9.0, over_s: 5.0 });
+    let a_turn = "heading_rad = inf: must lie between -6.283185307179586 and 6.283185307179586";
+    for (command, message) in [
+        (DepthM(Constant(20.0)), "depth_m = 20: must lie between 0 and 14"),
+        (DepthM(sine), "depth_m = -0.2: must lie between 0 and 14"),
+        (DepthM(Constant(f64::NAN)), "depth_m = NaN: must lie between 0 and 14"),
+        (DepthM(at_once), "depth_m: the time 0 s must be at least 0.001 s and finite"),
+        (NetDistanceM(Constant(0.5)), "net_distance_m = 0.5: must lie between 1 and 8"),
+        (NetDistanceM(too_far), "net_distance_m = 9: must lie between 1 and 8"),
+        (SpeedMPerS(Constant(0.6)), "speed_m_per_s = 0.6: must lie between 0 and 0.5"),
+        (SpeedMPerS(Constant(-0.1)), "speed_m_per_s = -0.1: must lie between 0 and 0.5"),
+        (HeadingRad(Constant(f64::INFINITY)), a_turn),
+    ] {
+        let refusal = bench.guidance.command(tick(bench.k), &command).expect_err("outside");
         assert_eq!(refusal.to_string(), message);
     }
-    let (mut a, mut b) = (guidance, untouched);
-    let mut k_b = k;
-    assert_eq!(run(&mut a, &mut k, 500, &here), run(&mut b, &mut k_b, 500, &here));
+    assert_eq!(bench.run(500, &here), untouched.run(500, &here));
 }

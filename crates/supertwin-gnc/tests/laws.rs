@@ -3,14 +3,14 @@
 mod adaptation;
 mod external;
 
-use crate::common::{H_S, axes, errors, input, law, law_config, law_config_with, nominal};
+use crate::common::{H_S, axes, errors, input, law, law_config, law_config_with, law_with, nominal};
 use nalgebra::Vector4;
 use supertwin_core::Capability;
 use supertwin_core::observe::Snapshot;
 use supertwin_core::random::Stream;
 use supertwin_gnc::control::super_twisting::SuperTwisting;
 use supertwin_gnc::control::surface::{Surface, SurfaceConfig};
-use supertwin_gnc::control::{Agsta, Law, LawInput, TrackingError};
+use supertwin_gnc::control::{Law, LawInput, TrackingError};
 
 /// `α_tol` of table II.
 const ALPHA_TOL: [f64; 4] = [0.2, 0.2, 0.15, 0.2];
@@ -22,28 +22,8 @@ const LAMBDA: [f64; 4] = [2.0, 2.0, 0.01, 1.0];
 const RATES: [f64; 4] = [1.581, 1.581, 1.225, 0.707];
 
 /// Every controller file.
-const FILES: [&str; 13] = [
-    "agsta",
-    "agsta-acceleration-free",
-    "agsta-capped",
-    "agsta-implicit",
-    "agsta-literal-acceleration",
-    "agsta-literal-k2",
-    "bluerov2-pid",
-    "external",
-    "gsta",
-    "gsta-implicit",
-    "gsta-tuned",
-    "pid",
-    "pid-tuned",
-];
-
-fn agsta(law: &Law) -> &Agsta {
-    match law {
-        Law::Agsta(agsta) => agsta,
-        other => panic!("{} is not agsta", other.name()),
-    }
-}
+const FILES: &str = "agsta agsta-acceleration-free agsta-capped agsta-implicit agsta-literal-acceleration \
+                     agsta-literal-k2 bluerov2-pid external gsta gsta-implicit gsta-tuned pid pid-tuned";
 
 fn twisting(law: &Law) -> &SuperTwisting {
     match law {
@@ -55,12 +35,6 @@ fn twisting(law: &Law) -> &SuperTwisting {
 
 fn k1(law: &Law) -> [f64; 4] {
     law.sample().k1.expect("a law with gains")
-}
-
-fn agsta_with(path: &[&str], value: impl Into<toml::Value>) -> Law {
-    let mut full = vec!["law", "agsta"];
-    full.extend_from_slice(path);
-    law_config_with("agsta", &full, value).build(&nominal()).expect("legal")
 }
 
 /// Random errors of the size that a run sees.
@@ -95,8 +69,7 @@ fn t14_on_the_heave_surface_the_error_obeys_its_characteristic_polynomial() {
         let h_s = 1e-4;
         let mut surface = Surface::new(&lead(tf));
         // The filter starts at the first velocity error: no acceleration yet, so σ = z + 2w = 0 gives w = −½.
-        let mut z = 1.0;
-        let mut w = -0.5;
+        let (mut z, mut w) = (1.0, -0.5);
         surface.step(&errors([0.0, 0.0, z, 0.0], w, 0.0), h_s);
         let a = (2.0 + tf) / (2.0 * (1.0 + 2.0 * tf));
         let b = (1.0 / (1.0 + 2.0 * tf) - a * a).sqrt();
@@ -199,8 +172,7 @@ fn the_control_gain_is_the_slope_of_sigma_over_a_velocity_impulse() {
         let base = at(Vector4::zeros());
         for i in 0..4 {
             // A force F over dt changes the velocity by F dt/m: σ changes by G F dt.
-            let mut impulse = Vector4::zeros();
-            impulse[i] = 1e-3 * nominal().M_inv()[i];
+            let impulse = Vector4::ith(i, 1e-3 * nominal().M_inv()[i]);
             let slope = (at(impulse) - base) / 1e-3;
             assert!((slope[i] / gain[i] - 1.0).abs() < 1e-8, "axis {i}: {} against {}", slope[i], gain[i]);
             assert!((gain[i] / expected[i] - 1.0).abs() < 1e-14, "axis {i}: {} against {}", gain[i], expected[i]);
@@ -215,9 +187,9 @@ fn the_control_gain_is_the_slope_of_sigma_over_a_velocity_impulse() {
 fn the_literal_surface_has_no_control_gain_and_no_implicit_form() {
     assert_eq!(Surface::new(&SurfaceConfig::ModelAcceleration).control_gain(&nominal()), None);
     for name in ["agsta-implicit", "gsta-implicit"] {
-        let arm = name.trim_end_matches("-implicit");
-        let config = law_config_with(name, &["law", arm, "surface"], "model_acceleration");
-        let refusal = config.build(&nominal()).expect_err("relative degree 0");
+        let refusal = law_config_with(name, [("surface", "model_acceleration")])
+            .build(&nominal())
+            .expect_err("relative degree 0");
         assert_eq!(
             refusal,
             "law.discretisation = \"implicit\": must be \"explicit\" with surface = \"model_acceleration\", \
@@ -240,7 +212,7 @@ fn the_literal_surface_takes_the_models_acceleration() {
 #[test]
 fn every_law_of_every_file_takes_over_without_a_jump() {
     let mut draw = Stream::new(8, "hand-over");
-    for name in FILES {
+    for name in FILES.split(' ') {
         for warm_up in [0, 1, 200] {
             for limited in [[false; 4], [true, false, true, false]] {
                 let mut law = law(name);
@@ -260,8 +232,7 @@ fn every_law_of_every_file_takes_over_without_a_jump() {
 
 #[test]
 fn a_pid_axis_without_integral_gain_can_only_start_from_its_own_force() {
-    let config = law_config_with("pid", &["law", "pid", "ki"], axes([5.0, 0.0, 1.0, 0.5]));
-    let mut law = config.build(&nominal()).expect("legal");
+    let mut law = law_with("pid", "ki", axes([5.0, 0.0, 1.0, 0.5]));
     let error = errors([0.1, 0.1, 0.1, 0.1], 0.0, 0.0);
     let applied = Vector4::new(10.0, 20.0, 30.0, 4.0);
     law.start_from(&input(&error), &applied);
@@ -306,7 +277,7 @@ fn tracking_errors_are_those_of_eq_4_with_the_heading_wrapped() {
 
 #[test]
 fn a_law_shows_what_it_says_that_it_has() {
-    for name in FILES {
+    for name in FILES.split(' ') {
         for law in law_config(name).family().expect("legal") {
             let shown = Snapshot::of(&law);
             for capability in law.capabilities() {

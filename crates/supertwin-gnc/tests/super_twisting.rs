@@ -66,6 +66,7 @@ impl Loop {
 }
 
 /// What T1 prints: when `|s|` was last above 1e-3, and the largest `|s|`, `|z + d|` and mean `|du|` of the second half.
+#[derive(Debug)]
 struct Tail {
     settled_s: f64,
     s: f64,
@@ -101,14 +102,7 @@ fn t1_explicit_euler_settles_in_finite_time_and_stays_within_a_few_l_h2_over_m()
     for (h_s, settled_s, z_plus_d) in [(1e-3, 3.24, 0.023), (1e-2, 3.22, 0.145), (5e-2, 3.10, 0.674)] {
         let tail = t1(h_s, Sampled::Explicit);
         let unit = L * h_s * h_s / M;
-        println!(
-            "T1 explicit h = {h_s}: settled {:.3} s ({settled_s}), |s| {:.3e} = {:.2} L h²/m (1.4 to 2.8), |z + d| {:.3}, |du| {:.4}",
-            tail.settled_s,
-            tail.s,
-            tail.s / unit,
-            tail.z_plus_d,
-            tail.mean_du
-        );
+        println!("T1 explicit h = {h_s}: |s| = {:.2} L h²/m (1.4 to 2.8), {tail:.4?}", tail.s / unit);
         // The oracle prints two decimals of seconds.
         assert!((tail.settled_s - settled_s).abs() < 0.5 * h_s + 0.011, "{} s", tail.settled_s);
         // control.md says ≤ 3 L h²/m, measured over a window it does not name; over 20 to 40 s it is 3.05 at 1 ms,
@@ -125,10 +119,7 @@ fn t1_implicit_euler_stays_at_l_h2_over_m_exactly() {
         [(1e-3, 3.25, 4.00e-8, 0.0040), (1e-2, 3.26, 4.00e-6, 0.0396), (5e-2, 3.30, 1.00e-4, 0.1990)]
     {
         let tail = t1(h_s, Sampled::Implicit(M));
-        println!(
-            "T1 implicit h = {h_s}: settled {:.3} s ({settled_s}), |s| {:.4e} ({tail_s:.2e}), |z + d| {:.4}, |du| {:.4} ({mean_du})",
-            tail.settled_s, tail.s, tail.z_plus_d, tail.mean_du
-        );
+        println!("T1 implicit h = {h_s}: |s| {:.4e} ({tail_s:.2e}), {tail:.4?}", tail.s);
         // 3.246, 3.250, 3.300 s here: one sample earlier than the oracle's 3.26 s at 10 ms.
         assert!((tail.settled_s - settled_s).abs() < 0.5 * h_s + 0.011, "{} s", tail.settled_s);
         assert!((tail.s / tail_s - 1.0).abs() < 1e-4, "{}", tail.s);
@@ -205,21 +196,13 @@ fn the_plain_implicit_scheme_would_leave_h_d_over_m() {
 #[test]
 fn a_wrong_nominal_inertia_stays_stable_from_half_to_three_times() {
     let exact = t1(1e-2, Sampled::Implicit(M));
-    for share in [0.5, 0.75, 1.0, 1.33] {
+    // On the high side bounded by the oracle's "x2.5-4", and worse than on the low side.
+    for share in [0.5, 0.75, 1.0, 1.33, 2.0, 2.5, 3.0] {
         let tail = t1(1e-2, Sampled::Implicit(share * M));
-        println!("nominal inertia × {share}: |s| × {:.2} (≤ 2)", tail.s / exact.s);
-        assert!(tail.s <= 2.001 * exact.s, "{share}: {}", tail.s / exact.s);
-        assert!(tail.settled_s < 4.0);
-    }
-    for share in [2.0, 2.5, 3.0] {
-        let tail = t1(1e-2, Sampled::Implicit(share * M));
-        println!(
-            "nominal inertia × {share}: |s| × {:.2} (2.5 to 4), |du| × {:.2} (5)",
-            tail.s / exact.s,
-            tail.mean_du / exact.mean_du
-        );
-        // Bounded by the oracle's "x2.5-4", and worse than on the low side.
-        assert!((2.0..=4.0).contains(&(tail.s / exact.s)), "{share}: {}", tail.s / exact.s);
+        let (s, du) = (tail.s / exact.s, tail.mean_du / exact.mean_du);
+        println!("nominal inertia × {share}: |s| × {s:.2} (≤ 2, from × 2 on 2.5 to 4), |du| × {du:.2} (5)");
+        let bounds = if share < 2.0 { 0.0..=2.001 } else { 2.0..=4.0 };
+        assert!(bounds.contains(&s), "{share}: {s}");
         assert!(tail.settled_s < 4.0);
     }
 }
@@ -303,14 +286,8 @@ fn t3_certificates_of_the_printed_gain_sets() {
 
 /// Triangle wave of slope ± `slope` and period 8 s.
 fn triangle(slope: f64, t_s: f64) -> f64 {
-    let x = (t_s / 8.0).fract();
-    let height = if x < 0.25 {
-        x
-    } else if x < 0.75 {
-        0.5 - x
-    } else {
-        x - 1.0
-    };
+    // From zero up to a quarter, down to minus a quarter, and back.
+    let height = ((t_s / 8.0 - 0.25).rem_euclid(1.0) - 0.5).abs() - 0.25;
     8.0 * slope * height
 }
 

@@ -1,8 +1,11 @@
 //! What the tests of the brain share: the real configuration files and small builders.
 #![allow(dead_code, reason = "every test file uses its own part of it")]
 
+#[path = "../../../../tests/support/config.rs"]
+pub(crate) mod config;
+
+pub(crate) use config::{file, put, read};
 use nalgebra::Vector4;
-use serde::de::DeserializeOwned;
 use supertwin_core::Tick;
 use supertwin_gnc::control::{Law, LawInput, TrackingError};
 use supertwin_gnc::{ControllerConfig, EstimatorConfig, GuidanceConfig, LawConfig};
@@ -11,34 +14,21 @@ use supertwin_model::{Hydrodynamics, HydrodynamicsConfig, ThrusterConfig, Thrust
 /// The twin's tick.
 pub(crate) const H_S: f64 = 0.02;
 
-/// A file under `config/`.
-pub(crate) fn file(path: &str) -> toml::Table {
-    let path = format!(concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/{}.toml"), path);
-    let text = std::fs::read_to_string(&path).unwrap_or_else(|error| panic!("{path}: {error}"));
-    text.parse().unwrap_or_else(|error| panic!("{path}: {error}"))
-}
-
-/// A file under `config/` as the type it holds.
-pub(crate) fn parse<T: DeserializeOwned>(path: &str) -> T {
-    file(path).try_into().unwrap_or_else(|error| panic!("{path}: {error}"))
-}
-
 /// The nominal model of the Argus-Mini class.
 pub(crate) fn nominal() -> Hydrodynamics {
-    let config: HydrodynamicsConfig = file("vehicles/argus-mini")["nominal"].clone().try_into().expect("a model");
+    let config: HydrodynamicsConfig = read(file("vehicles/argus-mini")["nominal"].clone());
     Hydrodynamics::from(&config)
 }
 
 /// Its thrusters.
 pub(crate) fn thrusters() -> Thrusters {
-    let configs: Vec<ThrusterConfig> =
-        file("vehicles/argus-mini")["thruster"].clone().try_into().expect("a list of thrusters");
+    let configs: Vec<ThrusterConfig> = read(file("vehicles/argus-mini")["thruster"].clone());
     Thrusters::new(&configs).expect("fully actuated")
 }
 
 /// The law of a controller file.
 pub(crate) fn law_config(name: &str) -> LawConfig {
-    parse::<ControllerConfig>(&format!("controllers/{name}")).law
+    read::<ControllerConfig>(file(&format!("controllers/{name}"))).law
 }
 
 /// A law of a controller file on the nominal model.
@@ -46,16 +36,22 @@ pub(crate) fn law(name: &str) -> Law {
     law_config(name).build(&nominal()).expect("a legal law")
 }
 
-/// A controller file with one more line, such as `law.agsta.adaptation.leak_per_s = 0.1`.
-pub(crate) fn law_config_with(name: &str, path: &[&str], value: impl Into<toml::Value>) -> LawConfig {
+/// The same with one of its values changed, such as `adaptation.k1_cap` of `agsta`.
+pub(crate) fn law_with(name: &str, path: &'static str, value: impl Into<toml::Value>) -> Law {
+    law_config_with(name, [(path, value)]).build(&nominal()).expect("legal")
+}
+
+/// A controller file with some values of its law changed.
+pub(crate) fn law_config_with<V: Into<toml::Value>>(
+    name: &str,
+    changes: impl IntoIterator<Item = (&'static str, V)>,
+) -> LawConfig {
     let mut table = file(&format!("controllers/{name}"));
-    let (last, parents) = path.split_last().expect("a path");
-    let mut place = &mut table;
-    for part in parents {
-        place = place.get_mut(*part).and_then(toml::Value::as_table_mut).expect("a table on the way");
+    let kind = table["law"].as_table().and_then(|law| law.keys().next()).expect("a kind of law").clone();
+    for (path, value) in changes {
+        put(&mut table, &format!("law.{kind}.{path}"), value);
     }
-    place.insert((*last).to_owned(), value.into());
-    table.try_into::<ControllerConfig>().expect("still legal").law
+    read::<ControllerConfig>(table).law
 }
 
 /// Four axes as they stand in a file.
@@ -65,12 +61,12 @@ pub(crate) fn axes(values: [f64; 4]) -> toml::Table {
 
 /// An estimator file.
 pub(crate) fn estimator_config(name: &str) -> EstimatorConfig {
-    parse(&format!("estimators/{name}"))
+    read(file(&format!("estimators/{name}")))
 }
 
 /// A guidance file.
 pub(crate) fn guidance_config(name: &str) -> GuidanceConfig {
-    parse(&format!("guidance/{name}"))
+    read(file(&format!("guidance/{name}")))
 }
 
 /// Tick `k` of the twin's clock.
@@ -94,5 +90,5 @@ pub(crate) fn input(error: &TrackingError) -> LawInput<'_> {
 
 /// The Argus-Mini class's tolerance of allocation.
 pub(crate) fn tolerance() -> supertwin_gnc::AllocationConfig {
-    file("vehicles/argus-mini")["allocation"].clone().try_into().expect("a tolerance")
+    read(file("vehicles/argus-mini")["allocation"].clone())
 }

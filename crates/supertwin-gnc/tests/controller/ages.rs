@@ -1,6 +1,6 @@
 //! The table of ages: what the controller does when an input is stale.
 
-use super::{Inputs, LIMIT_TICKS, Vehicle, controller, forces, nav, reference, reference_seen};
+use super::{Inputs, LIMIT_TICKS, Vehicle, controller, forces, nav, reference, reference_seen, run};
 use crate::common::H_S;
 use supertwin_core::Input;
 use supertwin_core::frame::ssa;
@@ -34,12 +34,9 @@ fn navigation_that_comes_back_starts_from_the_zero_wrench_that_was_applied() {
     let (nav, reference) = (nav(), reference());
     for name in ["pid", "pid-tuned", "gsta", "gsta-tuned", "gsta-implicit", "agsta", "agsta-implicit"] {
         let mut controller = controller(&[name]);
-        let mut applied = Thrust::default();
-        for k in 0..200 {
-            applied = Inputs::fresh(&nav, &reference, &applied).step(&mut controller, k);
-        }
-        applied =
-            Inputs { nav: Input::Missing, ..Inputs::fresh(&nav, &reference, &applied) }.step(&mut controller, 200);
+        let applied = run(&mut controller, 200, &nav, &reference);
+        let blind = Inputs { nav: Input::Missing, ..Inputs::fresh(&nav, &reference, &applied) };
+        let applied = blind.step(&mut controller, 200);
         let back = Inputs::fresh(&nav, &reference, &applied).step(&mut controller, 201);
         assert!(back.requested.vector().amax() < 1e-9, "{name}: {:?}", back.requested);
     }
@@ -68,10 +65,9 @@ fn without_a_reference_the_vehicle_brakes_within_its_limits_and_holds() {
     let mut controller = controller(&["pid-tuned"]);
     let mut applied = Inputs::fresh(&nav, &moving, &Thrust::default()).step(&mut controller, 0);
     // Old but young enough: still followed.
+    let held = Input::Held { value: &moving, made_at: 0 };
     for k in 1..=LIMIT_TICKS {
-        let held =
-            Inputs { reference: Input::Held { value: &moving, made_at: 0 }, ..Inputs::fresh(&nav, &moving, &applied) };
-        applied = held.step(&mut controller, k);
+        applied = Inputs { reference: held, ..Inputs::fresh(&nav, &moving, &applied) }.step(&mut controller, k);
         assert_eq!(controller.status, Status::Tracking);
         assert!((reference_seen(&controller, &nav)[0] - 0.3).abs() < 1e-12);
     }
@@ -79,7 +75,7 @@ fn without_a_reference_the_vehicle_brakes_within_its_limits_and_holds() {
     let mut slope_before = [0.0; 6];
     let mut travelled = [0.0; 2];
     for k in LIMIT_TICKS + 1..LIMIT_TICKS + 500 {
-        let stale = if k % 2 == 0 { Input::Missing } else { Input::Held { value: &moving, made_at: 0 } };
+        let stale = if k % 2 == 0 { Input::Missing } else { held };
         applied = Inputs { reference: stale, ..Inputs::fresh(&nav, &moving, &applied) }.step(&mut controller, k);
         assert_eq!(controller.status, Status::Fallback);
         let now = reference_seen(&controller, &nav);
@@ -123,13 +119,10 @@ fn a_link_that_comes_back_while_holding_makes_no_jump() {
     for name in ["pid-tuned", "gsta-tuned", "agsta"] {
         let mut controller = controller(&[name]);
         let mut vehicle = Vehicle::new();
-        let mut last = Thrust::default();
-        for _ in 0..3000 {
-            last = vehicle.step(&mut controller, Some(&hold), None);
-        }
+        let mut last = vehicle.run(&mut controller, 3000, Some(&hold));
         for (label, reference, ticks) in [("lost", None, 250), ("back", Some(&hold), 250)] {
             for _ in 0..ticks {
-                let now = vehicle.step(&mut controller, reference, None);
+                let now = vehicle.step(&mut controller, reference);
                 let jump = (now.requested.vector() - last.requested.vector()).amax();
                 // The same reference as before: no more than the law's own creep from tick to tick. The 1 N dead
                 // band of the thrusters keeps all of them in a small cycle.
@@ -148,15 +141,10 @@ fn a_link_that_comes_back_on_the_move_jumps_by_no_more_than_the_law_answers_to_t
         Reference { mode: Mode::FollowNet, sway_m_per_s: 0.2, depth_m: 4.0, heading_rad: 0.5, ..Reference::default() };
     let mut controller = controller(&["pid-tuned"]);
     let mut vehicle = Vehicle::new();
-    for _ in 0..2000 {
-        vehicle.step(&mut controller, Some(&follow), None);
-    }
-    let mut before = Thrust::default();
-    for _ in 0..500 {
-        before = vehicle.step(&mut controller, None, None);
-    }
+    vehicle.run(&mut controller, 2000, Some(&follow));
+    let before = vehicle.run(&mut controller, 500, None);
     assert!(vehicle.nu[1].abs() < 0.03, "it has stopped: {}", vehicle.nu[1]);
-    let after = vehicle.step(&mut controller, Some(&follow), None);
+    let after = vehicle.step(&mut controller, Some(&follow));
     let jump = after.requested.vector() - before.requested.vector();
     // kp · 0.2 m/s = 60 N in sway, and nothing elsewhere.
     assert!((jump[1] - 300.0 * 0.2).abs() < 1.0, "{jump}");
@@ -168,19 +156,15 @@ fn a_link_that_comes_back_on_the_move_jumps_by_no_more_than_the_law_answers_to_t
 fn a_wrench_request_that_is_too_old_leaves_the_substitute_in_command() {
     let (nav, reference) = (nav(), reference());
     let request = WrenchRequest { surge_n: Some(30.0), ..WrenchRequest::default() };
+    let request = Input::Held { value: &request, made_at: 0 };
     let mut controller = controller(&["external"]);
     let mut applied = Thrust::default();
     for k in 0..=LIMIT_TICKS {
-        let inputs = Inputs {
-            request: Input::Held { value: &request, made_at: 0 },
-            ..Inputs::fresh(&nav, &reference, &applied)
-        };
-        applied = inputs.step(&mut controller, k);
+        applied = Inputs { request, ..Inputs::fresh(&nav, &reference, &applied) }.step(&mut controller, k);
         assert_eq!(applied.requested.surge_n, 30.0, "age {k}");
     }
     let k = LIMIT_TICKS + 1;
-    let inputs =
-        Inputs { request: Input::Held { value: &request, made_at: 0 }, ..Inputs::fresh(&nav, &reference, &applied) };
+    let inputs = Inputs { request, ..Inputs::fresh(&nav, &reference, &applied) };
     let handed_back = inputs.step(&mut controller, k);
     assert!((handed_back.requested.surge_n - 30.0).abs() < 1e-9, "without a jump");
     let own = Inputs { request: Input::Missing, ..inputs }.step(&mut controller, k + 1);

@@ -1,7 +1,7 @@
 //! A controller of somebody else in command, and PID.
 
 use super::random_errors;
-use crate::common::{self, H_S, axes, errors, input, law, law_config_with, nominal};
+use crate::common::{H_S, axes, errors, file, input, law, law_config_with, law_with, nominal};
 use nalgebra::Vector4;
 use supertwin_core::message::WrenchRequest;
 use supertwin_core::observe::Snapshot;
@@ -64,13 +64,9 @@ fn an_axis_that_comes_back_to_the_substitute_continues_from_the_last_wrench() {
 #[test]
 fn a_number_that_is_none_in_a_request_leaves_the_axis_to_the_substitute() {
     let (mut external, mut clean) = (law("external"), law("external"));
-    let bad = WrenchRequest {
-        surge_n: Some(f64::NAN),
-        sway_n: Some(f64::INFINITY),
-        heave_n: Some(f64::NEG_INFINITY),
-        yaw_nm: Some(2.0),
-    };
     let good = WrenchRequest { yaw_nm: Some(2.0), ..WrenchRequest::default() };
+    let [surge_n, sway_n, heave_n] = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY].map(Some);
+    let bad = WrenchRequest { surge_n, sway_n, heave_n, ..good.clone() };
     let mut draw = Stream::new(11, "external");
     for _ in 0..100 {
         let error = random_errors(&mut draw);
@@ -83,11 +79,8 @@ fn a_number_that_is_none_in_a_request_leaves_the_axis_to_the_substitute() {
 
 #[test]
 fn external_cannot_be_its_own_substitute() {
-    let mut inner = common::file("controllers/external");
-    let own = inner["law"].clone();
-    inner["law"]["external"]["substitute"] = own;
-    let config: supertwin_gnc::ControllerConfig = inner.try_into().expect("parses");
-    let refusal = config.law.build(&nominal()).expect_err("a law of its own");
+    let own = ("substitute", file("controllers/external")["law"].clone());
+    let refusal = law_config_with("external", [own]).build(&nominal()).expect_err("a law of its own");
     assert_eq!(refusal, "law.external.substitute = external: must be a law of the vehicle's own");
 }
 
@@ -112,10 +105,7 @@ fn pid_equals_a_computation_by_hand() {
 
 #[test]
 fn pid_differentiates_surge_and_sway_through_its_filter() {
-    let mut table = common::file("controllers/pid");
-    table["law"]["pid"]["kd"] = axes([30.0, 20.0, 0.0, 0.0]).into();
-    let config: supertwin_gnc::ControllerConfig = table.try_into().expect("parses");
-    let mut law = config.law.build(&nominal()).expect("legal");
+    let mut law = law_with("pid", "kd", axes([30.0, 20.0, 0.0, 0.0]));
     // A ramp of 0.1 m/s²: after many time constants of 0.3 s the filtered derivative is exactly the slope.
     let mut tau = Vector4::zeros();
     let n = 1000;
@@ -136,8 +126,7 @@ fn a_limited_axis_stops_the_pid_integral_unless_anti_windup_is_off() {
     let error = errors([0.1; 4], 0.0, 0.0);
     let limited = [true, false, true, false];
     for (anti_windup, waits) in [("freeze", true), ("none", false)] {
-        let config = law_config_with("pid", &["law", "pid", "anti_windup"], anti_windup);
-        let mut law = config.build(&nominal()).expect("legal");
+        let mut law = law_with("pid", "anti_windup", anti_windup);
         for _ in 0..50 {
             law.step(&LawInput { limited, ..input(&error) });
         }

@@ -6,6 +6,7 @@ use supertwin_gnc::control::super_twisting::{Gains, explicit};
 
 // ---------------------------------------------------------------------------------------------------------------- T9
 
+#[derive(Debug)]
 struct Saturated {
     undershoot: f64,
     settled_s: f64,
@@ -36,10 +37,7 @@ fn t9(freeze: bool) -> Saturated {
 #[test]
 fn t9_an_integrator_that_ignores_saturation_winds_up() {
     let seen = t9(false);
-    println!(
-        "T9 none: undershoot {:.3} (-2.664), settled {:.2} s (not by 40), |z| {:.0} (20250)",
-        seen.undershoot, seen.settled_s, seen.largest_z
-    );
+    println!("T9 none: {seen:.3?} (-2.664, not by 40 s, 20250)");
     // The oracle prints −2.664, this loop −2.667: the undershoot is still growing at 40 s (40 N/150 kg · 10 s), so
     // the difference is one sample of the horizon's end.
     assert!((seen.undershoot + 2.664).abs() < 0.004, "{}", seen.undershoot);
@@ -50,10 +48,7 @@ fn t9_an_integrator_that_ignores_saturation_winds_up() {
 #[test]
 fn t9_freezing_the_integrator_while_saturated_settles_in_the_least_time() {
     let seen = t9(true);
-    println!(
-        "T9 freeze: undershoot {:.4} (-0.003), settled {:.2} s (30.09), |z| {:.2} (27)",
-        seen.undershoot, seen.settled_s, seen.largest_z
-    );
+    println!("T9 freeze: {seen:.4?} (-0.003, 30.09 s, 27)");
     assert!((seen.undershoot + 0.003).abs() < 5e-4, "{}", seen.undershoot);
     assert!((seen.settled_s - 30.09).abs() < 0.011, "{}", seen.settled_s);
     assert!((seen.largest_z - 27.0).abs() < 0.5, "{}", seen.largest_z);
@@ -133,7 +128,7 @@ fn t10_with_measurement_noise_both_are_equal() {
         let (s_e, du_e) = noisy(h_s, Sampled::Explicit);
         let (s_i, du_i) = noisy(h_s, Sampled::Implicit(M));
         println!(
-            "T10 noise, h = {h_s}: explicit {s_e:.4}, {du_e:.3} ({s_explicit}, {du_explicit}); implicit {s_i:.4}, {du_i:.3} ({s_explicit}, {du_implicit})"
+            "T10 noise, h = {h_s}: {s_e:.4}, {du_e:.3} ({s_explicit}, {du_explicit}); {s_i:.4}, {du_i:.3} ({du_implicit})"
         );
         // Noise-limited: no promise of less chatter. The oracle's figures are one realisation each.
         assert!((s_i / s_e - 1.0).abs() < 0.03, "{s_i} against {s_e}");

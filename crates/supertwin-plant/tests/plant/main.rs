@@ -1,115 +1,75 @@
 //! The plant: integration, water, thrusters, sensors and their faults, on the real configuration files.
 
+#[path = "../../../../tests/support/config.rs"]
+mod config;
 mod dvl;
 mod sensors;
 mod thrusters;
 
+use config::{file, put, read};
 use core::f64::consts::FRAC_1_SQRT_2;
 use nalgebra::{Vector3, Vector4};
-use serde::de::DeserializeOwned;
 use supertwin_core::command::PlantCommand;
 use supertwin_core::frame::{Heading, ssa};
 use supertwin_core::message::{Measurements, Thrust, Truth};
 use supertwin_core::{Block, Input, Prev, Tick, Wrench};
 use supertwin_model::{Hydrodynamics, HydrodynamicsConfig, ThrusterConfig, Thrusters};
-use supertwin_plant::cage::{Cage, CageConfig};
-use supertwin_plant::{Drive, EnvironmentConfig, Plant, PlantConfig, PropulsionConfig, SensorsConfig, StartConfig};
+use supertwin_plant::cage::Cage;
+use supertwin_plant::{Drive, Plant, PlantConfig};
 
 const H_S: f64 = 0.02;
 /// Age of a thrust command that means neutral: 0.5 s.
 const STALE_TICKS: u64 = 25;
 
-fn file(path: &str) -> toml::Table {
-    let path = format!(concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/{}.toml"), path);
-    let text = std::fs::read_to_string(&path).unwrap_or_else(|error| panic!("{path}: {error}"));
-    text.parse().unwrap_or_else(|error| panic!("{path}: {error}"))
-}
-
-fn read<T: DeserializeOwned>(value: &toml::Value) -> T {
-    value.clone().try_into().expect("a legal configuration")
-}
-
-/// Sets `a.b.c` of a table.
-fn put(table: &mut toml::Table, path: &str, value: impl Into<toml::Value>) {
-    let (parents, last) = path.rsplit_once('.').unwrap_or(("", path));
-    let mut place = table;
-    for part in parents.split('.').filter(|part| !part.is_empty()) {
-        place = place.get_mut(part).and_then(toml::Value::as_table_mut).expect("a table on the way");
-    }
-    place.insert(last.to_owned(), value.into());
-}
-
-/// Everything a plant is made of, as tables that a test may change.
+/// Everything a plant is made of: `vehicle`, `environment`, `sensors` and `start`, as tables that a test may change.
 #[derive(Clone)]
 struct Setup {
-    vehicle: toml::Table,
-    environment: toml::Table,
-    sensors: toml::Table,
-    start: toml::Table,
+    parts: toml::Table,
     dt_s: f64,
     substeps: u32,
 }
 
 impl Setup {
     fn new(environment: &str) -> Self {
-        let start = "bearing_rad = 0.4
-             net_distance_m = 10.0
-             depth_m = 4.0
-             heading_offset_rad = 0.1";
-        Self {
-            vehicle: file("vehicles/argus-mini"),
-            environment: file(&format!("environments/{environment}")),
-            sensors: file("sensors/argus-mini"),
-            start: start.parse().expect("TOML"),
-            dt_s: H_S,
-            substeps: 2,
+        let mut parts = toml::Table::new();
+        for (part, path) in [("vehicle", "vehicles/argus-mini"), ("sensors", "sensors/argus-mini")] {
+            put(&mut parts, part, file(path));
         }
+        put(&mut parts, "environment", file(&format!("environments/{environment}")));
+        put(&mut parts, "start", toml::Table::new());
+        let setup = Self { parts, dt_s: H_S, substeps: 2 };
+        let setup = setup.set("start.bearing_rad", 0.4).set("start.net_distance_m", 10.0);
+        setup.set("start.depth_m", 4.0).set("start.heading_offset_rad", 0.1)
     }
 
     /// A calm sea and a round pen that stands still, neutral buoyancy, no coupling of sway thrust into yaw.
     fn quiet() -> Self {
-        let mut setup = Self::new("calm");
-        put(&mut setup.vehicle, "true.net_buoyancy_n", 0.0);
-        put(&mut setup.vehicle, "unmodelled.sway_to_yaw_arm_m", 0.0);
-        put(&mut setup.environment, "cage.undulation", toml::Value::Array(Vec::new()));
-        put(&mut setup.environment, "cage.tilt_m_per_m", 0.0);
-        setup
+        let setup = Self::new("calm").set("vehicle.true.net_buoyancy_n", 0.0);
+        let setup = setup.set("vehicle.unmodelled.sway_to_yaw_arm_m", 0.0).set("environment.cage.tilt_m_per_m", 0.0);
+        setup.set("environment.cage.undulation", Vec::<toml::Value>::new())
     }
 
-    fn with(mut self, part: fn(&mut Self) -> &mut toml::Table, path: &str, value: impl Into<toml::Value>) -> Self {
-        put(part(&mut self), path, value);
+    /// Sets `part.a.b`.
+    fn set(mut self, path: &str, value: impl Into<toml::Value>) -> Self {
+        put(&mut self.parts, path, value);
         self
-    }
-    fn vehicle(self, path: &str, value: impl Into<toml::Value>) -> Self {
-        self.with(|setup| &mut setup.vehicle, path, value)
-    }
-    fn environment(self, path: &str, value: impl Into<toml::Value>) -> Self {
-        self.with(|setup| &mut setup.environment, path, value)
-    }
-    fn sensors(self, path: &str, value: impl Into<toml::Value>) -> Self {
-        self.with(|setup| &mut setup.sensors, path, value)
-    }
-    fn start(self, path: &str, value: impl Into<toml::Value>) -> Self {
-        self.with(|setup| &mut setup.start, path, value)
     }
 
     fn try_build(&self, seed: u64) -> Result<Plant, String> {
-        let dynamics: HydrodynamicsConfig = read(&self.vehicle["true"]);
-        let thrusters: Vec<ThrusterConfig> = read(&self.vehicle["thruster"]);
-        let propulsion: PropulsionConfig = read(&self.vehicle["propulsion"]);
-        let environment: EnvironmentConfig = read(&toml::Value::Table(self.environment.clone()));
-        let sensors: SensorsConfig = read(&toml::Value::Table(self.sensors.clone()));
-        let start: StartConfig = read(&toml::Value::Table(self.start.clone()));
+        let vehicle = &self.parts["vehicle"];
+        let of_vehicle = |part: &str| vehicle[part].clone();
+        let dynamics: HydrodynamicsConfig = read(of_vehicle("true"));
+        let thrusters: Vec<ThrusterConfig> = read(of_vehicle("thruster"));
         let config = PlantConfig {
             dynamics: Hydrodynamics::from(&dynamics),
             mass_kg: dynamics.rigid_body.mass_kg.get(),
-            height_m: self.vehicle["size_m"][2].as_float().expect("a length"),
+            height_m: vehicle["size_m"][2].as_float().expect("a length"),
             thrusters: Thrusters::new(&thrusters).expect("fully actuated"),
-            propulsion: &propulsion,
-            unmodelled: &read(&self.vehicle["unmodelled"]),
-            environment: &environment,
-            sensors: &sensors,
-            start: &start,
+            propulsion: &read(of_vehicle("propulsion")),
+            unmodelled: &read(of_vehicle("unmodelled")),
+            environment: &read(self.parts["environment"].clone()),
+            sensors: &read(self.parts["sensors"].clone()),
+            start: &read(self.parts["start"].clone()),
             dt_s: self.dt_s,
             substeps: self.substeps,
             thrust_stale_after_ticks: STALE_TICKS,
@@ -122,8 +82,7 @@ impl Setup {
     }
 
     fn cage(&self, seed: u64) -> Cage {
-        let config: CageConfig = read(&self.environment["cage"]);
-        Cage::new(&config, seed).expect("a legal pen")
+        Cage::new(&read(self.parts["environment"]["cage"].clone()), seed).expect("a legal pen")
     }
 }
 
@@ -178,8 +137,12 @@ fn down(force_n: f64) -> Thrust {
 
 /// Over-ground velocity in NED axes.
 fn velocity_ned(truth: &Truth) -> Vector3<f64> {
-    let nu = truth.velocity.to_array();
-    Heading::new(truth.heading_rad).ned_from_body(Vector3::new(nu[0], nu[1], nu[2]))
+    ned(truth, truth.velocity.vector())
+}
+
+/// What a vector in the vehicle's axes is in NED axes.
+fn ned(truth: &Truth, body: Vector4<f64>) -> Vector3<f64> {
+    Heading::new(truth.heading_rad).ned_from_body(body.xyz())
 }
 
 fn state(truth: &Truth) -> [f64; 8] {
@@ -187,7 +150,7 @@ fn state(truth: &Truth) -> [f64; 8] {
     [truth.north_m, truth.east_m, truth.depth_m, truth.heading_rad, nu[0], nu[1], nu[2], nu[3]]
 }
 
-fn distance(a: &[f64; 8], b: &[f64; 8]) -> f64 {
+fn distance(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt()
 }
 
@@ -206,8 +169,9 @@ fn a_driven_plant_feels_the_given_force_and_nothing_of_the_sea() {
     let force_ned_n = [20.0, 10.0, 0.0];
     let mut directions = Vec::new();
     for offset_rad in [0.1, 2.0, -1.3] {
-        let setup = Setup::new("rataren").vehicle("true.net_buoyancy_n", 0.0).start("heading_offset_rad", offset_rad);
-        let mut bench = setup.sensors("depth.std_m", 0.0).build(3);
+        let setup =
+            Setup::new("rataren").set("vehicle.true.net_buoyancy_n", 0.0).set("start.heading_offset_rad", offset_rad);
+        let mut bench = setup.set("sensors.depth.std_m", 0.0).build(3);
         for _ in 0..60 {
             bench.plant.drive(Drive { force_ned_n, yaw_nm: 0.0 });
             let measured = bench.step(&idle());
@@ -217,11 +181,10 @@ fn a_driven_plant_feels_the_given_force_and_nothing_of_the_sea() {
             }
             assert_eq!((truth.current_m_per_s, truth.water_velocity.to_array()), ([0.0; 3], [0.0; 4]));
         }
-        let disturbance = bench.plant.truth.disturbance.to_array();
-        let of_heading = Heading::new(bench.plant.truth.heading_rad);
-        let back = of_heading.ned_from_body(Vector3::new(disturbance[0], disturbance[1], disturbance[2]));
+        let truth = &bench.plant.truth;
+        let back = ned(truth, truth.disturbance.vector());
         assert!((back - Vector3::from(force_ned_n)).norm() < 0.5, "{back}");
-        let velocity = velocity_ned(&bench.plant.truth);
+        let velocity = velocity_ned(truth);
         assert!(velocity.x > 0.05 && velocity.y > 0.0, "{velocity}");
         directions.push(libm::atan2(velocity.y, velocity.x));
     }
@@ -247,7 +210,7 @@ fn with_constant_forces_the_integration_is_of_fourth_order() {
     // Forces that are there at once, still water: what is left is Runge-Kutta. Ticks of half a second. (Where the flow
     // past the hull changes its sign, |u| u has a kink, and the order falls to about two.)
     let run = |substeps: u32| {
-        let mut setup = Setup::quiet().vehicle("propulsion.lag_s", 1e-6).vehicle("propulsion.delay_s", 0.0);
+        let mut setup = Setup::quiet().set("vehicle.propulsion.lag_s", 1e-6).set("vehicle.propulsion.delay_s", 0.0);
         (setup.dt_s, setup.substeps) = (0.5, substeps);
         state(setup.build(1).run(17, &thrust([60.0, 20.0, 50.0, 40.0, 15.0, 15.0])))
     };
@@ -277,10 +240,8 @@ fn at_the_twins_step_the_sub_step_does_not_matter() {
     let error = |substeps: u32| {
         let states = run(substeps);
         let worst = |part: core::ops::Range<usize>| {
-            let of = |(a, b): (&[f64; 8], &[f64; 8])| {
-                part.clone().map(|i| (a[i] - b[i]) * (a[i] - b[i])).sum::<f64>().sqrt()
-            };
-            states.iter().zip(&exact).map(of).fold(0.0, f64::max)
+            let apart = |(a, b): (&[f64; 8], &[f64; 8])| distance(&a[part.clone()], &b[part.clone()]);
+            states.iter().zip(&exact).map(apart).fold(0.0, f64::max)
         };
         (worst(0..3), worst(4..8))
     };
@@ -307,9 +268,9 @@ fn the_first_tick_only_measures() {
 fn the_start_is_drawn_within_its_ranges() {
     let range = |low: f64, high: f64| toml::Value::Array(vec![low.into(), high.into()]);
     let setup = Setup::new("rataren")
-        .start("net_distance_m", range(3.4, 4.2))
-        .start("heading_offset_rad", range(-0.24, 0.24))
-        .start("bearing_rad", range(-3.1, 3.1));
+        .set("start.net_distance_m", range(3.4, 4.2))
+        .set("start.heading_offset_rad", range(-0.24, 0.24))
+        .set("start.bearing_rad", range(-3.1, 3.1));
     let mut distances = Vec::new();
     for seed in 0..50 {
         let truth = setup.build(seed).plant.truth.clone();
@@ -342,10 +303,10 @@ fn one_seed_is_one_run_to_the_bit_and_another_seed_is_another_run() {
 fn a_vehicle_without_thrust_drifts_with_a_steady_current() {
     for direction in [-2.5f64, 0.7] {
         let mut bench = Setup::quiet()
-            .environment("current.speed_m_per_s", 0.22)
-            .environment("current.decay_per_m", 0.0)
-            .environment("current.veering_rad_per_m", 0.0)
-            .environment("current.direction_rad", direction)
+            .set("environment.current.speed_m_per_s", 0.22)
+            .set("environment.current.decay_per_m", 0.0)
+            .set("environment.current.veering_rad_per_m", 0.0)
+            .set("environment.current.direction_rad", direction)
             .build(1);
         let truth = bench.run(3000, &idle());
         let current = Vector3::new(0.22 * direction.cos(), 0.22 * direction.sin(), 0.0);
@@ -358,14 +319,12 @@ fn a_vehicle_without_thrust_drifts_with_a_steady_current() {
 fn the_current_weakens_and_veers_with_depth() {
     let at = |depth_m: f64| {
         let mut bench = Setup::quiet()
-            .environment("current.speed_m_per_s", 0.22)
-            .environment("current.direction_rad", 0.3)
-            .start("depth_m", depth_m)
+            .set("environment.current.speed_m_per_s", 0.22)
+            .set("environment.current.direction_rad", 0.3)
+            .set("start.depth_m", depth_m)
             .build(1);
-        bench.run(2, &idle());
-        let truth = &bench.plant.truth;
-        let water = truth.water_velocity.to_array();
-        Heading::new(truth.heading_rad).ned_from_body(Vector3::new(water[0], water[1], water[2]))
+        let truth = bench.run(2, &idle());
+        ned(truth, truth.water_velocity.vector())
     };
     for depth_m in [0.5f64, 4.0, 12.0] {
         let (speed, direction) = (0.22 * (1.0 - 0.04 * depth_m), 0.3 + 0.05 * depth_m);
@@ -378,9 +337,9 @@ fn the_current_weakens_and_veers_with_depth() {
 #[test]
 fn a_neutrally_buoyant_vehicle_follows_the_water_of_the_waves() {
     let mut bench = Setup::quiet()
-        .environment("waves.significant_height_m", 0.6)
-        .environment("waves.direction_rad", 1.0)
-        .start("net_distance_m", 15.0)
+        .set("environment.waves.significant_height_m", 0.6)
+        .set("environment.waves.direction_rad", 1.0)
+        .set("start.net_distance_m", 15.0)
         .build(2);
     bench.run(1500, &idle());
     let (mut slip2, mut water2, mut sinks) = (Vector4::zeros(), Vector4::zeros(), 0.0);
@@ -393,11 +352,7 @@ fn a_neutrally_buoyant_vehicle_follows_the_water_of_the_waves() {
         sinks += slip[2] / f64::from(n);
     }
     let (slip, water) = (slip2.map(f64::sqrt), water2.map(f64::sqrt));
-    println!(
-        "waves: water {:.4?} m/s rms, slip {:.4?} m/s rms, mean sink {sinks:.4} m/s",
-        water.as_slice(),
-        slip.as_slice()
-    );
+    println!("waves: water {water:.4?} m/s rms, slip {slip:.4?} m/s rms, mean sink {sinks:.4} m/s");
     // Oscillating water at 4 m under Hs 0.6 m: up to 0.1 m/s rms, as much horizontally as vertically.
     assert!((0.06..0.1).contains(&water[2]), "{water}");
     assert!((water[0].hypot(water[1]) / water[2] - 1.0).abs() < 0.05, "{water}");
@@ -410,7 +365,7 @@ fn a_neutrally_buoyant_vehicle_follows_the_water_of_the_waves() {
 
 #[test]
 fn buoyancy_lifts_the_vehicle_at_its_rise_speed() {
-    let mut bench = Setup::quiet().vehicle("true.net_buoyancy_n", 12.0).start("depth_m", 12.0).build(1);
+    let mut bench = Setup::quiet().set("vehicle.true.net_buoyancy_n", 12.0).set("start.depth_m", 12.0).build(1);
     let truth = bench.run(2500, &idle()).clone();
     // 350 w² + 90 w = 12.
     let rise = (-90.0 + f64::sqrt(90.0 * 90.0 + 4.0 * 350.0 * 12.0)) / 700.0;
@@ -420,7 +375,7 @@ fn buoyancy_lifts_the_vehicle_at_its_rise_speed() {
 
 #[test]
 fn full_thrust_ahead_makes_1_03_m_per_s() {
-    let mut bench = Setup::quiet().start("net_distance_m", 24.0).build(1);
+    let mut bench = Setup::quiet().set("start.net_distance_m", 24.0).build(1);
     let truth = bench.run(3000, &ahead(100.0));
     let exact = (-70.0 + f64::sqrt(70.0 * 70.0 + 4.0 * 200.0 * 400.0 * FRAC_1_SQRT_2)) / 400.0;
     assert!((truth.velocity.surge_m_per_s - exact).abs() < 1e-6, "{}", truth.velocity.surge_m_per_s);
@@ -429,7 +384,7 @@ fn full_thrust_ahead_makes_1_03_m_per_s() {
 
 #[test]
 fn sway_thrust_turns_the_vehicle_through_the_unmodelled_arm() {
-    let mut bench = Setup::quiet().vehicle("unmodelled.sway_to_yaw_arm_m", 0.1).build(1);
+    let mut bench = Setup::quiet().set("vehicle.unmodelled.sway_to_yaw_arm_m", 0.1).build(1);
     let truth = bench.run(200, &thrust([-20.0, 20.0, 20.0, -20.0, 0.0, 0.0]));
     assert!(truth.wrench.sway_n > 50.0 && truth.wrench.surge_n.abs() < 1e-9 && truth.wrench.yaw_nm.abs() < 1e-9);
     assert!((truth.disturbance.yaw_nm - 0.1 * truth.wrench.sway_n).abs() < 1e-9);
@@ -439,7 +394,7 @@ fn sway_thrust_turns_the_vehicle_through_the_unmodelled_arm() {
 #[test]
 fn the_tether_pulls_with_its_standard_deviations() {
     // 4000 s with a correlation time of 20 s are 100 independent samples per seed; ten seeds know their std to 3 %.
-    let setup = Setup::new("rataren").vehicle("unmodelled.sway_to_yaw_arm_m", 0.0);
+    let setup = Setup::new("rataren").set("vehicle.unmodelled.sway_to_yaw_arm_m", 0.0);
     let mut sum2 = Vector4::zeros();
     let mut n = 0.0;
     for seed in 0..10 {

@@ -98,14 +98,12 @@ fn a_faulty_thruster_gives_its_share() {
 fn faults_that_can_not_be_are_refused_with_value_and_rule() {
     let mut bench = Setup::quiet().build(1);
     let tick = bench.tick();
+    let gain = |thruster, gain| PlantCommand::ThrusterGain { thruster, gain };
     let cases = [
-        (PlantCommand::ThrusterGain { thruster: 0, gain: 1.0 }, "thruster_gain.thruster = 0: must be between 1 and 6"),
-        (PlantCommand::ThrusterGain { thruster: 7, gain: 1.0 }, "thruster_gain.thruster = 7: must be between 1 and 6"),
-        (PlantCommand::ThrusterGain { thruster: 1, gain: 2.5 }, "thruster_gain.gain = 2.5: must be between 0 and 2"),
-        (
-            PlantCommand::ThrusterGain { thruster: 1, gain: f64::NAN },
-            "thruster_gain.gain = NaN: must be between 0 and 2",
-        ),
+        (gain(0, 1.0), "thruster_gain.thruster = 0: must be between 1 and 6"),
+        (gain(7, 1.0), "thruster_gain.thruster = 7: must be between 1 and 6"),
+        (gain(1, 2.5), "thruster_gain.gain = 2.5: must be between 0 and 2"),
+        (gain(1, f64::NAN), "thruster_gain.gain = NaN: must be between 0 and 2"),
         (PlantCommand::DvlSilentForS(-1.0), "dvl_silent_for_s = -1: must be zero or positive, and finite"),
         (PlantCommand::DvlSilentForS(f64::INFINITY), "dvl_silent_for_s = inf: must be zero or positive, and finite"),
     ];
@@ -145,6 +143,6 @@ fn a_thrust_command_that_is_too_old_means_neutral() {
 
 #[test]
 fn a_delay_that_is_too_long_is_refused() {
-    let refusal = Setup::quiet().vehicle("propulsion.delay_s", 2.0).try_build(1).expect_err("too long");
+    let refusal = Setup::quiet().set("vehicle.propulsion.delay_s", 2.0).try_build(1).expect_err("too long");
     assert_eq!(refusal, "propulsion.delay_s = 2: must be shorter than 1.28 s (64 ticks)");
 }
