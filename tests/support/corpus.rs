@@ -18,8 +18,8 @@ pub fn assert_for_corpus(folder: &str, target: &str, least: usize, variants: usi
         check(&payload);
         for _ in 0..variants {
             let mut changed = payload.clone();
-            let at = next(&mut state) as usize % changed.len().max(1);
-            match next(&mut state) % 4 {
+            let at = splitmix64(&mut state) as usize % changed.len().max(1);
+            match splitmix64(&mut state) % 4 {
                 0 => changed.truncate(at),
                 1 => drop(changed.drain(at..(at + 9).min(payload.len()))),
                 2 => changed.splice(at..at, payload.iter().copied().take(at).skip(at / 2)).for_each(drop),
@@ -30,8 +30,8 @@ pub fn assert_for_corpus(folder: &str, target: &str, least: usize, variants: usi
     }
 }
 
-/// Splitmix64.
-fn next(state: &mut u64) -> u64 {
+/// The next number of a generator whose state this is.
+pub fn splitmix64(state: &mut u64) -> u64 {
     *state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
     let z = (*state ^ (*state >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
     let z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);

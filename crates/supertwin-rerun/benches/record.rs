@@ -2,6 +2,7 @@
 
 use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
 use std::path::Path;
+use std::sync::OnceLock;
 use supertwin_core::run::Properties;
 use supertwin_core::{Probe, RunHeader, RunSink, Signal, Tick};
 use supertwin_rerun::{Options, RerunSink};
@@ -10,22 +11,13 @@ const TICKS: u64 = 5000;
 const BATCH: usize = 1000;
 const DT_NS: i64 = 20_000_000;
 
-macro_rules! signals {
-    ($($path:literal)*) => {
-        [$({
-            static SIGNAL: Signal = Signal {
-                path: concat!("bench/signal_", $path),
-                components: &["surge", "sway", "heave", "yaw"],
-                units: &["N"],
-                about: "",
-            };
-            &SIGNAL
-        }),*]
-    };
-}
-
-fn signals() -> [&'static Signal; 40] {
-    signals!(0 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20 21 22 23 24 25 26 27 28 29 30 31 32 33 34 35 36 37 38 39)
+fn signals() -> &'static [Signal] {
+    static MADE: OnceLock<Vec<Signal>> = OnceLock::new();
+    MADE.get_or_init(|| {
+        let path = |i| Box::leak(format!("bench/signal_{i}").into_boxed_str());
+        let components = &["surge", "sway", "heave", "yaw"];
+        (0..40).map(|i| Signal { path: path(i), components, units: &["N"], about: "" }).collect()
+    })
 }
 
 /// Smooth like a real signal: constant columns would compress to nothing.
@@ -35,21 +27,13 @@ fn values(k: u64, signal: usize) -> [f64; 4] {
     [x, x * x, x * 0.7 - 1.0, 1.0 / (1.0 + t)]
 }
 
-fn compressed(path: &Path) {
-    ours(path, Options { batch_ticks: BATCH, overwrite: true, compress: true, ..Options::default() });
-}
-
-fn uncompressed(path: &Path) {
-    ours(path, Options { batch_ticks: BATCH, overwrite: true, compress: false, ..Options::default() });
-}
-
-fn ours(path: &Path, options: Options) {
+fn ours(path: &Path, compress: bool) {
+    let options = Options { batch_ticks: BATCH, overwrite: true, compress, ..Options::default() };
     let mut sink = RerunSink::create(path, options).expect("sink");
     sink.begin(&RunHeader { name: "bench".to_owned(), ..Default::default() }).expect("begin");
-    let signals = signals();
     for k in 0..TICKS {
         sink.tick(Tick { k, dt_s: 0.02 }).expect("tick");
-        for (i, signal) in signals.iter().enumerate() {
+        for (i, signal) in signals().iter().enumerate() {
             sink.vector(signal, &values(k, i));
         }
     }
@@ -58,8 +42,7 @@ fn ours(path: &Path, options: Options) {
 
 fn plain(path: &Path) {
     let stream = rerun::RecordingStreamBuilder::new("bench").recording_id("bench").save(path).expect("stream");
-    let signals = signals();
-    let entities = signals.map(|signal| rerun::EntityPath::from(signal.path));
+    let entities: Vec<_> = signals().iter().map(|signal| rerun::EntityPath::from(signal.path)).collect();
     for start in (0..TICKS).step_by(BATCH) {
         let ticks = start..start + BATCH as u64;
         for (i, entity) in entities.iter().enumerate() {
@@ -80,12 +63,8 @@ fn record(criterion: &mut Criterion) {
     let folder = tempfile::tempdir().expect("directory");
     let mut group = criterion.benchmark_group("record 40 signals x 4");
     group.throughput(Throughput::Elements(TICKS)).sample_size(20);
-    let all = [
-        ("supertwin", compressed as fn(&Path)),
-        ("supertwin without compression", uncompressed),
-        ("plain rerun", plain),
-    ];
-    for (name, run) in all {
+    let (with, without): (fn(&Path), fn(&Path)) = (|path| ours(path, true), |path| ours(path, false));
+    for (name, run) in [("supertwin", with), ("supertwin without compression", without), ("plain rerun", plain)] {
         let path = folder.path().join(format!("{name}.rrd"));
         group.bench_function(name, |bencher| bencher.iter_batched(|| (), |()| run(&path), BatchSize::PerIteration));
     }

@@ -4,7 +4,7 @@
 #[path = "../fuzz/recordings.rs"]
 mod recordings;
 #[path = "../../../tests/support/corpus.rs"]
-mod support;
+pub(crate) mod support;
 
 use supertwin_rerun::{read, repair};
 

@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that can not go on has failed")]
 
-use crate::common::{DT_S, header, play, results};
+use crate::common::{DT_S, fresh, header, play, results};
 use crate::python;
 use std::collections::BTreeMap;
 use std::fs;
@@ -16,7 +16,7 @@ static ONE: Signal = Signal { path: "test/one", components: &[], units: &["m"], 
 
 /// A short run, and after it numbers that are hard to write.
 fn record(path: &Path) -> Recording {
-    let mut sink = RerunSink::create(path, Options { batch_ticks: 64, ..Default::default() }).unwrap();
+    let mut sink = RerunSink::create(path, Options { batch_ticks: 64, ..Options::default() }).unwrap();
     sink.begin(&header("run-7")).unwrap();
     play(&mut sink, 150).unwrap();
     for k in 160..166 {
@@ -73,9 +73,9 @@ fn assert_same(read: &Numbers, written: &Numbers) {
 
 #[test]
 fn a_data_frame_from_parquet_has_every_number_and_nothing_else() {
-    let folder = tempfile::tempdir().unwrap();
-    let recording = record(&folder.path().join("run.rrd"));
-    let done = export(&recording, Format::Parquet, &folder.path().join("run.parquet"), false).unwrap();
+    let (folder, path) = fresh();
+    let recording = record(&path);
+    let done = export(&recording, Format::Parquet, &path.with_extension("parquet"), false).unwrap();
     assert_eq!(done.rows, 156);
     let program = "
 import pyarrow.parquet, struct, sys
@@ -96,9 +96,9 @@ assert (mode[0], mode[99], mode[100], mode[149]) == ('neutral', 'neutral', 'dept
 
 #[test]
 fn a_spreadsheet_from_csv_has_every_number_and_nothing_else() {
-    let folder = tempfile::tempdir().unwrap();
-    let recording = record(&folder.path().join("run.rrd"));
-    let path = folder.path().join("run.csv");
+    let (_folder, path) = fresh();
+    let recording = record(&path);
+    let path = path.with_extension("csv");
     let done = export(&recording, Format::Csv, &path, false).unwrap();
     let mut file = csv::Reader::from_path(&path).unwrap();
     let header = file.headers().unwrap().clone();
@@ -123,9 +123,9 @@ fn a_spreadsheet_from_csv_has_every_number_and_nothing_else() {
 
 #[test]
 fn foxglove_finds_signals_and_events_in_an_mcap_file() {
-    let folder = tempfile::tempdir().unwrap();
-    let recording = record(&folder.path().join("run.rrd"));
-    let done = export(&recording, Format::Mcap, &folder.path().join("run.mcap"), false).unwrap();
+    let (folder, path) = fresh();
+    let recording = record(&path);
+    let done = export(&recording, Format::Mcap, &path.with_extension("mcap"), false).unwrap();
     // The published reader, with its check of every checksum.
     let program = "
 import json, struct, sys
@@ -172,16 +172,14 @@ assert count == int(sys.argv[1]), count
 
 #[test]
 fn only_what_was_read_is_exported_and_nothing_is_overwritten() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("run.rrd");
+    let (folder, path) = fresh();
     record(&path);
     let some = read_selected(&path, &|path| path == tracking::DEPTH.path).unwrap();
     let out = folder.path().join("run.csv");
     assert_eq!(export(&some, Format::Csv, &out, false).unwrap().columns, 5);
     let before = fs::read(&out).unwrap();
-    assert!(
-        before.starts_with(b"tick,sim_time_s,tracking/depth:measured,tracking/depth:reference,tracking/depth:true\n")
-    );
+    let head = b"tick,sim_time_s,tracking/depth:measured,tracking/depth:reference,tracking/depth:true\n";
+    assert!(before.starts_with(head));
     let error = export(&some, Format::Csv, &out, false).unwrap_err().to_string();
     assert!(error.contains("run.csv: exists already; use --force"), "{error}");
     assert_eq!(fs::read(&out).unwrap(), before);

@@ -3,6 +3,7 @@
 
 use crate::common;
 use crate::python;
+use crate::written::until_written;
 use std::net::TcpListener;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
@@ -17,27 +18,22 @@ struct Viewer(Child);
 impl Viewer {
     fn open(url: &str, file: &Path) -> Self {
         let viewer = python::viewer(&python::environment());
-        let mut command = Command::new(viewer);
         // It listens as well, and would share its usual port with the viewer of another test.
         let port = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
-        command
-            .arg(url)
-            .args(["--port", &port.to_string()])
-            .arg("--save")
-            .arg(file)
-            .stdin(Stdio::null())
-            .stdout(Stdio::null())
-            .stderr(Stdio::null());
+        let mut command = Command::new(viewer);
+        command.arg(url).args(["--port", &port.to_string()]).arg("--save").arg(file);
+        command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
         let mut viewer = Self(command.spawn().unwrap());
-        while !file.exists() {
-            viewer.must_run();
-        }
+        viewer.until_written(file, |file| file.exists().then_some(()));
         viewer
     }
 
-    fn must_run(&mut self) {
-        assert!(self.0.try_wait().unwrap().is_none(), "the viewer has ended");
-        std::thread::yield_now();
+    /// Waits until it has written something into its file, as long as it runs.
+    fn until_written<T>(&mut self, file: &Path, mut look: impl FnMut(&Path) -> Option<T>) -> T {
+        until_written(file.parent().unwrap(), "recording of the viewer", || {
+            assert!(self.0.try_wait().unwrap().is_none(), "the viewer has ended");
+            look(file)
+        })
     }
 
     fn signal(&self, name: &str) {
@@ -62,14 +58,8 @@ fn a_viewer_gets_what_is_shown() {
     common::play(&mut sink, 500).unwrap();
     sink.finish(&common::results()).unwrap();
     // The last of it is its results.
-    let got = loop {
-        if let Ok(got) = read(&file)
-            && got.properties.contains_key("result")
-        {
-            break got;
-        }
-        viewer.must_run();
-    };
+    let whole = |file: &Path| read(file).ok().filter(|got| got.properties.contains_key("result"));
+    let got = viewer.until_written(&file, whole);
     drop(viewer);
     assert_eq!(live.dropped(), 0);
     assert_eq!(got.signals[tracking::DEPTH.path].tick, (0..500).collect::<Vec<_>>());

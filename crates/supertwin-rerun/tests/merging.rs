@@ -2,8 +2,7 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that can not go on has failed")]
 
-use crate::common::{header, play, results};
-use crate::python;
+use crate::common::{assert_viewer_takes, fresh, header, results};
 use rerun::StoreKind;
 use rerun::external::re_log_encoding::DecoderApp;
 use rerun::log::{Chunk, LogMsg};
@@ -14,16 +13,13 @@ use std::path::{Path, PathBuf};
 use supertwin_core::signal::tracking;
 use supertwin_core::{RunHeader, RunSink, Tick};
 use supertwin_rerun::merge::{Better, Cell, ScoreRow, Scores};
-use supertwin_rerun::{COMPARISON, Merge, MergeError, MergedRun, Options, ReadError, RerunSink, merge, read};
-
-const TICKS: u64 = 1500;
+use supertwin_rerun::{
+    COMPARISON, Merge, MergeError, MergedRun, Options, ReadError, Recording, RerunSink, merge, read,
+};
 
 /// A run in which the vehicle does what it always does.
-fn record(path: &Path) {
-    let mut sink = RerunSink::create(path, Options { batch_ticks: 100, ..Options::default() }).unwrap();
-    sink.begin(&header("run")).unwrap();
-    play(&mut sink, TICKS).unwrap();
-    sink.finish(&results()).unwrap();
+fn record(path: &Path) -> Recording {
+    crate::common::record(path, Options { batch_ticks: 100, ..Options::default() }, &header("run"), 1500)
 }
 
 /// A run that only knows its sway: `offset` beside what is wanted from `event` on.
@@ -42,8 +38,9 @@ fn of(name: &str, path: PathBuf, group: usize) -> MergedRun {
     MergedRun { name: name.to_owned(), paths: vec![path], group, ..MergedRun::default() }
 }
 
-fn names(names: &[&str]) -> Vec<String> {
-    names.iter().map(|name| (*name).to_owned()).collect()
+fn merge_of(groups: &[&str], runs: Vec<MergedRun>) -> Merge {
+    let groups: Vec<String> = groups.iter().map(|name| (*name).to_owned()).collect();
+    Merge { name: groups.join(" and "), groups, runs, ..Merge::default() }
 }
 
 /// Rows of scalars by entity: tick, time in nanoseconds, values.
@@ -95,13 +92,11 @@ fn runs_that_are_shifted_to_their_event_are_compared_there() {
     sways(&file("early.rrd"), 500, 0.125, 1500);
     sways(&file("late.rrd"), 650, 0.375, 1500);
     let at = |run: MergedRun, ticks: i64, against| MergedRun { offset_ns: -ticks * 20_000_000, against, ..run };
-    let runs =
-        vec![at(of("early", file("early.rrd"), 0), 500, None), at(of("late", file("late.rrd"), 1), 650, Some(0))];
-    let groups = names(&["first", "second"]);
-    let aligned_on = "the ramp".to_owned();
+    let (early, late) = (of("early", file("early.rrd"), 0), of("late", file("late.rrd"), 1));
+    let runs = vec![at(early, 500, None), at(late, 650, Some(0))];
     let out = file("merged.rrd");
-    let merged = merge(&Merge { name: "two".to_owned(), groups, runs, aligned_on, ..Merge::default() }, &out, false);
-    let merged = merged.unwrap();
+    let two = Merge { aligned_on: "the ramp".to_owned(), ..merge_of(&["first", "second"], runs) };
+    let merged = merge(&two, &out, false).unwrap();
     assert_eq!((merged.runs, merged.every_ticks, merged.bytes), (2, 1, fs::metadata(&out).unwrap().len()));
     assert!(merged.damage.is_empty() && merged.empty.is_empty());
 
@@ -143,8 +138,7 @@ fn a_group_shows_its_median_and_its_limits() {
         runs.push(MergedRun { against: (i % 2 == 1).then(|| i - 1), ..of(&format!("run {i}"), file, i % 2) });
     }
     let out = folder.path().join("merged.rrd");
-    let groups = names(&["even", "odd"]);
-    let merged = merge(&Merge { name: "ten".to_owned(), groups, runs, ..Merge::default() }, &out, false).unwrap();
+    let merged = merge(&merge_of(&["even", "odd"], runs), &out, false).unwrap();
     assert_eq!(merged.runs, 10);
     let content = content(&out);
     let near = |rows: &Rows, wanted: [f64; 3]| {
@@ -159,13 +153,11 @@ fn a_group_shows_its_median_and_its_limits() {
 
 #[test]
 fn everything_is_there_when_it_is_asked_for_and_a_run_may_be_there_twice() {
-    let folder = tempfile::tempdir().unwrap();
-    let file = folder.path().join("run.rrd");
-    record(&file);
-    let one = read(&file).unwrap();
+    let (folder, file) = fresh();
+    let one = record(&file);
     let twice = |all| {
         let runs = vec![of("a", file.clone(), 0), MergedRun { against: Some(0), ..of("b", file.clone(), 1) }];
-        Merge { name: "twice".to_owned(), groups: names(&["a", "b"]), runs, all, ..Merge::default() }
+        Merge { all, ..merge_of(&["a", "b"], runs) }
     };
     let (small, large) = (folder.path().join("small.rrd"), folder.path().join("large.rrd"));
     merge(&twice(false), &small, false).unwrap();
@@ -185,13 +177,11 @@ fn everything_is_there_when_it_is_asked_for_and_a_run_may_be_there_twice() {
     for (entity, rows) in &little.scalars {
         assert_eq!(all.scalars.get(entity), Some(rows), "{entity}");
     }
-    let differences = little.scalars.iter().filter(|(entity, _)| entity.starts_with("/compare/difference/"));
-    let mut count = 0;
-    for (entity, rows) in differences {
-        count += 1;
+    let differences = || little.scalars.iter().filter(|(entity, _)| entity.starts_with("/compare/difference/"));
+    assert_eq!(differences().count(), 24);
+    for (entity, rows) in differences() {
         assert!(!rows.is_empty() && rows.iter().all(|row| row.2 == [0.0]), "{entity}");
     }
-    assert_eq!(count, 24);
     for entity in ["net", "path/a", "vehicle/b"] {
         assert!(little.entities.contains(&format!("/compare/scene/{entity}")), "{entity}");
     }
@@ -207,8 +197,7 @@ fn a_damaged_recording_is_compared_as_far_as_it_goes() {
     let bytes = fs::read(file("whole.rrd")).unwrap();
     fs::write(file("cut.rrd"), &bytes[..bytes.len() / 2]).unwrap();
     let runs = vec![of("whole", file("whole.rrd"), 0), MergedRun { against: Some(0), ..of("cut", file("cut.rrd"), 1) }];
-    let both = Merge { name: "cut".to_owned(), groups: names(&["whole", "cut"]), runs, ..Merge::default() };
-    let merged = merge(&both, &file("merged.rrd"), false).unwrap();
+    let merged = merge(&merge_of(&["whole", "cut"], runs), &file("merged.rrd"), false).unwrap();
     assert!(merged.damage.iter().any(|damage| damage.path == file("cut.rrd")), "{:?}", merged.damage);
     let content = content(&file("merged.rrd"));
     let rows = content.scalars["/compare/difference/sway/cut"].len();
@@ -220,10 +209,8 @@ fn what_can_not_be_merged_leaves_no_file() {
     let folder = tempfile::tempdir().unwrap();
     let file = |name: &str| folder.path().join(name);
     sways(&file("run.rrd"), 0, 0.1, 300);
-    let with = |paths: &[&str]| {
-        let runs: Vec<_> = paths.iter().enumerate().map(|(i, path)| of(path, file(path), i)).collect();
-        Merge { name: "m".to_owned(), groups: names(paths), runs, ..Merge::default() }
-    };
+    let with =
+        |paths: &[&str]| merge_of(paths, paths.iter().enumerate().map(|(i, path)| of(path, file(path), i)).collect());
     let out = file("out.rrd");
     fs::write(file("text.rrd"), "something else altogether, long enough for a header").unwrap();
     let refused = |paths: &[&str], out: &Path| merge(&with(paths), out, false).unwrap_err();
@@ -257,8 +244,7 @@ fn what_can_not_be_merged_leaves_no_file() {
 
 #[test]
 fn scores_stand_in_a_text_and_in_bars() {
-    let folder = tempfile::tempdir().unwrap();
-    let file = folder.path().join("run.rrd");
+    let (folder, file) = fresh();
     sways(&file, 0, 0.1, 300);
     let runs = vec![of("a", file.clone(), 0), of("b", file, 1)];
     let cell = |value| Some(Cell { value, plus_minus: None });
@@ -276,8 +262,7 @@ fn scores_stand_in_a_text_and_in_bars() {
         ..Scores::default()
     };
     let out = folder.path().join("merged.rrd");
-    let groups = names(&["a", "b"]);
-    merge(&Merge { name: "scores".to_owned(), groups, runs, scores, ..Merge::default() }, &out, false).unwrap();
+    merge(&Merge { scores, ..merge_of(&["a", "b"], runs) }, &out, false).unwrap();
     let content = content(&out);
     let text = &content.texts["/compare/scores/text"];
     assert!(text.contains("- **a** is better\n") && text.contains("| Sway [m/s] | **0.050** | 0.100 |"), "{text}");
@@ -287,16 +272,10 @@ fn scores_stand_in_a_text_and_in_bars() {
 
 #[test]
 fn the_viewer_takes_the_merged_file_for_whole() {
-    let folder = tempfile::tempdir().unwrap();
-    let file = folder.path().join("run.rrd");
+    let (folder, file) = fresh();
     record(&file);
     let runs = vec![of("a", file.clone(), 0), of("b", file, 1)];
     let out = folder.path().join("merged.rrd");
-    let all = Merge { name: "all".to_owned(), groups: names(&["a", "b"]), runs, all: true, ..Merge::default() };
-    merge(&all, &out, false).unwrap();
-    let environment = python::environment();
-    let mut verify = std::process::Command::new(python::viewer(&environment));
-    let said = python::succeed(verify.args(["rrd", "verify"]).arg(&out));
-    let said = [&said.stdout[..], &said.stderr].concat();
-    assert!(String::from_utf8_lossy(&said).contains("1 file"), "{}", String::from_utf8_lossy(&said));
+    merge(&Merge { all: true, ..merge_of(&["a", "b"], runs) }, &out, false).unwrap();
+    assert_viewer_takes(&out);
 }

@@ -2,60 +2,44 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that can not go on has failed")]
 
-use crate::common::{DT_S, header, play, results};
+use crate::common::{self, DT_S, fresh, header, play, results};
+use crate::keeper::Keeper;
 use std::fs;
 use std::path::Path;
-use supertwin_core::observe::{Both, Probe, Snapshot};
 use supertwin_core::run::Properties;
 use supertwin_core::signal::{estimator, nav, reference, thrust, tracking};
-use supertwin_core::{Event, Property, RunHeader, RunSink, Severity, Signal, SinkError, Tick};
-use supertwin_rerun::{Clocks, Options, ReadError, Recording, RerunSink, read, signals};
+use supertwin_core::{Probe, Property, RunSink, Severity, Signal, Tick};
+use supertwin_rerun::{Clocks, Options, Recording, RerunSink, read, signals};
 
 static WIDE: Signal = Signal { path: "test/wide", components: &["a", "b", "c"], units: &["m", "s"], about: "" };
 static SPARSE: Signal = Signal { path: "test/sparse", components: &[], units: &["m"], about: "" };
 static NEVER: Signal = Signal { path: "test/never", components: &["t1"], units: &["N"], about: "" };
 
-/// A recording next to what it should contain.
-struct Doubled {
-    sink: RerunSink,
-    heard: Vec<(Tick, Snapshot)>,
+fn options() -> Options {
+    Options { batch_ticks: 128, ..Options::default() }
 }
 
-impl Probe for Doubled {
-    fn vector(&mut self, signal: &'static Signal, values: &[f64]) {
-        Both(&mut self.sink, &mut self.heard.last_mut().unwrap().1).vector(signal, values);
-    }
-    fn label(&mut self, signal: &'static Signal, value: &'static str) {
-        Both(&mut self.sink, &mut self.heard.last_mut().unwrap().1).label(signal, value);
-    }
+/// A recording that has begun.
+fn begun(path: &Path, name: &str) -> RerunSink {
+    let mut sink = RerunSink::create(path, options()).unwrap();
+    sink.begin(&header(name)).unwrap();
+    sink
 }
 
-impl RunSink for Doubled {
-    fn begin(&mut self, header: &RunHeader) -> Result<(), SinkError> {
-        self.sink.begin(header)
-    }
-    fn tick(&mut self, tick: Tick) -> Result<(), SinkError> {
-        self.heard.push((tick, Snapshot::default()));
-        self.sink.tick(tick)
-    }
-    fn event(&mut self, event: &Event) -> Result<(), SinkError> {
-        self.sink.event(event)
-    }
-    fn finish(&mut self, results: &Properties) -> Result<(), SinkError> {
-        self.sink.finish(results)
-    }
-}
-
-fn create(path: &Path) -> RerunSink {
-    RerunSink::create(path, Options { batch_ticks: 128, ..Default::default() }).unwrap()
-}
-
-fn record(path: &Path, ticks: u64) -> Recording {
-    let mut sink = create(path);
-    sink.begin(&header("run-7")).unwrap();
-    play(&mut sink, ticks).unwrap();
-    sink.finish(&results()).unwrap();
+/// Closes a recording and reads it.
+fn closed(mut sink: RerunSink, path: &Path) -> Recording {
+    sink.finish(&Properties::new()).unwrap();
     read(path).unwrap()
+}
+
+fn tick(k: u64) -> Tick {
+    Tick { k, dt_s: DT_S }
+}
+
+/// A recording of the run that is made up.
+fn record(ticks: u64) -> Recording {
+    let (_folder, path) = fresh();
+    common::record(&path, options(), &header("run-7"), ticks)
 }
 
 fn bits(values: &[f64]) -> Vec<u64> {
@@ -65,11 +49,8 @@ fn bits(values: &[f64]) -> Vec<u64> {
 #[test]
 fn what_came_after_its_tick_was_written_stands_at_its_tick() {
     static STATE: Signal = Signal { path: "test/state", components: &[], units: &[], about: "" };
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("run.rrd");
-    let mut sink = create(&path);
-    sink.begin(&header("run-7")).unwrap();
-    let tick = |k: u64| Tick { k, dt_s: DT_S };
+    let (_folder, path) = fresh();
+    let mut sink = begun(&path, "run-7");
     for k in 0..30_u64 {
         sink.tick(tick(k)).unwrap();
         sink.clocks(Clocks { sender_ns: 7, recorder_ns: k.cast_signed() });
@@ -88,8 +69,7 @@ fn what_came_after_its_tick_was_written_stands_at_its_tick() {
             }
         }
     }
-    sink.finish(&results()).unwrap();
-    let recording = read(&path).unwrap();
+    let recording = closed(sink, &path);
     assert!(recording.complete);
     let wide = &recording.signals["test/wide"];
     assert_eq!(wide.tick, (0..30).collect::<Vec<_>>());
@@ -103,27 +83,20 @@ fn what_came_after_its_tick_was_written_stands_at_its_tick() {
 
 #[test]
 fn every_value_comes_back_bit_by_bit_with_its_tick() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("run.rrd");
-    let mut doubled = Doubled { sink: create(&path), heard: Vec::new() };
-    doubled.begin(&header("run-7")).unwrap();
-    play(&mut doubled, 1601).unwrap();
-    doubled.finish(&results()).unwrap();
-
-    let recording = read(&path).unwrap();
+    let (_folder, path) = fresh();
+    let recording = common::record(&path, options(), &header("run-7"), 1601);
+    let mut keeper = Keeper::default();
+    play(&mut keeper, 1601).unwrap();
     assert!(recording.complete);
     assert_eq!(recording.name, "run-7");
-    let mut shown = 0;
-    for (tick, snapshot) in &doubled.heard {
-        for (signal, values) in &snapshot.vectors {
-            let columns = &recording.signals[signal.path];
-            assert_eq!(bits(columns.at(tick.k as i64).unwrap()), bits(values), "{} {tick:?}", signal.path);
-            shown += 1;
-        }
+    for (path, kept) in &keeper.run.signals {
+        let columns = &recording.signals[path];
+        assert_eq!((&columns.tick, bits(&columns.values)), (&kept.tick, bits(&kept.values)), "{path}");
     }
+    let shown = keeper.run.signals.values().map(|columns| columns.tick.len()).sum::<usize>();
     assert_eq!(shown, 17 * 1601 - 1601 + 161);
-    let heard =
-        recording.signals.iter().filter(|(path, _)| signals::SIGNALS.iter().all(|derived| *path != derived.path));
+    let is_derived = |path: &String| signals::SIGNALS.iter().any(|derived| *path == derived.path);
+    let heard = recording.signals.iter().filter(|(path, _)| !is_derived(path));
     assert_eq!(heard.map(|(_, columns)| columns.tick.len()).sum::<usize>(), shown);
     for (path, columns) in &recording.signals {
         assert!(columns.tick.windows(2).all(|pair| pair[0] < pair[1]), "{path}");
@@ -135,20 +108,17 @@ fn every_value_comes_back_bit_by_bit_with_its_tick() {
 
 #[test]
 fn signals_that_show_themselves_now_and_then_keep_their_ticks() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("run.rrd");
-    let mut sink = create(&path);
-    sink.begin(&header("sparse")).unwrap();
+    let (_folder, path) = fresh();
+    let mut sink = begun(&path, "sparse");
     for k in 5..1000 {
-        sink.tick(Tick { k, dt_s: DT_S }).unwrap();
+        sink.tick(tick(k)).unwrap();
         if k % 7 == 0 {
             sink.scalar(&SPARSE, -(k as f64));
         }
         sink.vector(&NEVER, &[]);
         sink.vector(&WIDE, &[f64::NAN, -0.0]);
     }
-    sink.finish(&Properties::new()).unwrap();
-    let recording = read(&path).unwrap();
+    let recording = closed(sink, &path);
     let sparse = &recording.signals["test/sparse"];
     assert!(sparse.tick.iter().copied().eq((5..1000).filter(|k| k % 7 == 0)));
     assert!(sparse.values.iter().zip(&sparse.tick).all(|(x, &k)| *x == -(k as f64)));
@@ -161,19 +131,16 @@ fn signals_that_show_themselves_now_and_then_keep_their_ticks() {
 
 #[test]
 fn labels_are_written_when_they_change() {
-    let folder = tempfile::tempdir().unwrap();
-    let recording = record(&folder.path().join("run.rrd"), 1200);
+    let recording = record(1200);
     let mode = &recording.labels[reference::MODE.path];
     let changes: Vec<_> = mode.iter().map(|label| (label.tick, label.time_ns, label.value.as_str())).collect();
-    let expected =
-        [(0, 0, "neutral"), (100, 2_000_000_000, "depth_heading_hold"), (1001, 20_020_000_000, "follow_net")];
-    assert_eq!(changes, expected);
+    let holding = (100, 2_000_000_000, "depth_heading_hold");
+    assert_eq!(changes, [(0, 0, "neutral"), holding, (1001, 20_020_000_000, "follow_net")]);
 }
 
 #[test]
 fn events_come_back_with_service_and_severity() {
-    let folder = tempfile::tempdir().unwrap();
-    let recording = record(&folder.path().join("run.rrd"), 1600);
+    let recording = record(1600);
     let events: Vec<_> = recording.events.iter().map(|event| (event.tick, &*event.service, event.severity)).collect();
     let expected = [
         (100, "guidance", Severity::Info),
@@ -187,8 +154,7 @@ fn events_come_back_with_service_and_severity() {
 
 #[test]
 fn properties_keep_their_types() {
-    let folder = tempfile::tempdir().unwrap();
-    let recording = record(&folder.path().join("run.rrd"), 10);
+    let recording = record(10);
     assert_eq!(recording.properties["run"], header("").properties);
     assert_eq!(recording.properties["run"]["seed"], Property::Integer(u64::MAX));
     assert_eq!(recording.properties["result"], results());
@@ -196,8 +162,7 @@ fn properties_keep_their_types() {
 
 #[test]
 fn there_is_a_picture() {
-    let folder = tempfile::tempdir().unwrap();
-    let recording = record(&folder.path().join("run.rrd"), 1000);
+    let recording = record(1000);
     assert_eq!(recording.rows["world/vehicle"], 201);
     // Once how they look, once that nobody has judged them.
     assert_eq!(recording.rows["world/vehicle/beams"], 102);
@@ -209,44 +174,43 @@ fn there_is_a_picture() {
 
 #[test]
 fn the_chattering_of_a_staircase_is_its_steps_per_second() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("run.rrd");
-    let mut sink = create(&path);
-    sink.begin(&header("stairs")).unwrap();
+    let (_folder, path) = fresh();
+    let mut sink = begun(&path, "stairs");
     for k in 0..400 {
-        sink.tick(Tick { k, dt_s: DT_S }).unwrap();
+        sink.tick(tick(k)).unwrap();
         let up_and_down = if k % 2 == 0 { 0.0 } else { 3.0 };
         // The last axis rises at one tick only, from batch to batch.
         sink.vector(&thrust::REQUESTED, &[up_and_down, k as f64, -2.0, if k < 128 { 0.0 } else { 7.0 }]);
     }
-    sink.finish(&Properties::new()).unwrap();
-    let chattering = &read(&path).unwrap().signals[signals::CHATTERING.path];
+    let chattering = &closed(sink, &path).signals[signals::CHATTERING.path];
     assert!(chattering.tick.iter().copied().eq((0..400).step_by(5)));
-    assert_eq!(chattering.at(0).unwrap(), [0.0; 4]);
-    // Half a second: half of its steps.
-    assert_eq!(chattering.at(25).unwrap(), [75.0, 25.0, 0.0, 0.0]);
-    assert_eq!(chattering.at(125).unwrap(), [150.0, 50.0, 0.0, 0.0]);
-    assert_eq!(chattering.at(130).unwrap(), [150.0, 50.0, 0.0, 7.0]);
-    assert_eq!(chattering.at(175).unwrap(), [150.0, 50.0, 0.0, 7.0]);
-    assert_eq!(chattering.at(180).unwrap(), [150.0, 50.0, 0.0, 0.0]);
+    for (tick, expected) in [
+        (0, [0.0; 4]),
+        // Half a second: half of its steps.
+        (25, [75.0, 25.0, 0.0, 0.0]),
+        (125, [150.0, 50.0, 0.0, 0.0]),
+        (130, [150.0, 50.0, 0.0, 7.0]),
+        (175, [150.0, 50.0, 0.0, 7.0]),
+        (180, [150.0, 50.0, 0.0, 0.0]),
+    ] {
+        assert_eq!(chattering.at(tick).unwrap(), expected, "tick {tick}");
+    }
 }
 
 #[test]
 fn innovations_stand_between_their_gates_and_flags_become_lanes() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("run.rrd");
+    let (_folder, path) = fresh();
     let mut header = header("gates");
     header.scene.limits.nis_gates = vec![(&estimator::INNOVATION_HEADING, 25.0)];
-    let mut sink = create(&path);
+    let mut sink = RerunSink::create(&path, options()).unwrap();
     sink.begin(&header).unwrap();
     for k in 0..300 {
-        sink.tick(Tick { k, dt_s: DT_S }).unwrap();
+        sink.tick(tick(k)).unwrap();
         sink.vector(&estimator::INNOVATION_HEADING, &[0.1, 0.02, 25.5]);
         sink.vector(&estimator::INNOVATION_DEPTH, &[-0.3, 0.5, 0.36]);
         sink.vector(&nav::HEALTH, &[1.0, f64::from(u8::from((100..200).contains(&k))), 0.0, 0.0, 0.0, 0.0]);
     }
-    sink.finish(&Properties::new()).unwrap();
-    let recording = read(&path).unwrap();
+    let recording = closed(sink, &path);
     let heading = &recording.signals[signals::INNOVATION_HEADING.path];
     assert_eq!(heading.names, ["innovation", "gate", "gate"]);
     // The first second is left out: the filter's first doubts would hide the rest.
@@ -263,16 +227,10 @@ fn innovations_stand_between_their_gates_and_flags_become_lanes() {
 
 #[test]
 fn the_same_run_makes_the_same_recording_whatever_the_options() {
-    let folder = tempfile::tempdir().unwrap();
-    let one = record(&folder.path().join("one.rrd"), 700);
-    assert_eq!(one, record(&folder.path().join("two.rrd"), 700));
-
-    let path = folder.path().join("three.rrd");
-    let mut sink = RerunSink::create(&path, Options { compress: false, ..Default::default() }).unwrap();
-    sink.begin(&header("run-7")).unwrap();
-    play(&mut sink, 700).unwrap();
-    sink.finish(&results()).unwrap();
-    let mut three = read(&path).unwrap();
+    let one = record(700);
+    assert_eq!(one, record(700));
+    let (_folder, path) = fresh();
+    let mut three = common::record(&path, Options { compress: false, ..Options::default() }, &header("run-7"), 700);
     // Colours of labels are written again in the batch where a new label appears.
     three.rows.clone_from(&one.rows);
     assert_eq!(one, three);
@@ -280,15 +238,13 @@ fn the_same_run_makes_the_same_recording_whatever_the_options() {
 
 #[test]
 fn a_change_of_width_is_an_error_at_the_next_tick() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("run.rrd");
-    let mut sink = create(&path);
-    sink.begin(&header("width")).unwrap();
-    sink.tick(Tick { k: 0, dt_s: DT_S }).unwrap();
+    let (_folder, path) = fresh();
+    let mut sink = begun(&path, "width");
+    sink.tick(tick(0)).unwrap();
     sink.vector(&WIDE, &[1.0, 2.0, 3.0]);
-    sink.tick(Tick { k: 1, dt_s: DT_S }).unwrap();
+    sink.tick(tick(1)).unwrap();
     sink.vector(&WIDE, &[1.0]);
-    let error = sink.tick(Tick { k: 2, dt_s: DT_S }).unwrap_err();
+    let error = sink.tick(tick(2)).unwrap_err();
     assert_eq!(error.cause, "test/wide changed its width from 3 to 1");
     assert_eq!(error.what, path.display().to_string());
     assert!(sink.finish(&Properties::new()).is_err());
@@ -299,8 +255,7 @@ fn a_change_of_width_is_an_error_at_the_next_tick() {
 
 #[test]
 fn a_file_that_exists_is_only_replaced_when_asked_to() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("run.rrd");
+    let (_folder, path) = fresh();
     fs::write(&path, "precious").unwrap();
     let error = RerunSink::create(&path, Options::default()).err().unwrap();
     assert_eq!(error.to_string(), format!("{}: the file exists already", path.display()));
@@ -315,47 +270,43 @@ fn a_file_that_exists_is_only_replaced_when_asked_to() {
 #[test]
 fn a_directory_that_does_not_exist_is_named() {
     let folder = tempfile::tempdir().unwrap();
-    let error = RerunSink::create(&folder.path().join("runs/run.rrd"), Options::default()).err().unwrap();
-    assert_eq!(error.cause, format!("the directory {} does not exist", folder.path().join("runs").display()));
+    let runs = folder.path().join("runs");
+    let refused = || RerunSink::create(&runs.join("run.rrd"), Options::default()).err().unwrap();
+    assert_eq!(refused().cause, format!("the directory {} does not exist", runs.display()));
     // A file where a directory is expected.
-    fs::write(folder.path().join("runs"), "").unwrap();
-    let error = RerunSink::create(&folder.path().join("runs/run.rrd"), Options::default()).err().unwrap();
+    fs::write(&runs, "").unwrap();
+    let error = refused();
     assert!(error.cause.starts_with("can't create the file: "), "{error}");
 }
 
 #[test]
 fn a_sink_that_never_began_leaves_no_file_behind() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("run.rrd");
-    let mut sink = create(&path);
-    assert_eq!(sink.tick(Tick { k: 0, dt_s: DT_S }).unwrap_err().cause, "the run has not begun");
+    let (_folder, path) = fresh();
+    let mut sink = RerunSink::create(&path, options()).unwrap();
+    assert_eq!(sink.tick(tick(0)).unwrap_err().cause, "the run has not begun");
     drop(sink);
     assert!(!path.exists());
 }
 
 #[test]
 fn calls_out_of_order_are_errors() {
-    let folder = tempfile::tempdir().unwrap();
-    let mut sink = create(&folder.path().join("run.rrd"));
-    sink.begin(&header("order")).unwrap();
+    let (_folder, path) = fresh();
+    let mut sink = begun(&path, "order");
     assert!(sink.begin(&header("order")).is_err());
-    sink.tick(Tick { k: 4, dt_s: DT_S }).unwrap();
-    assert_eq!(sink.tick(Tick { k: 4, dt_s: DT_S }).unwrap_err().cause, "tick 4 comes after tick 4");
+    sink.tick(tick(4)).unwrap();
+    assert_eq!(sink.tick(tick(4)).unwrap_err().cause, "tick 4 comes after tick 4");
     sink.finish(&Properties::new()).unwrap();
     assert!(sink.finish(&Properties::new()).is_err());
 
-    let mut sink = create(&folder.path().join("early.rrd"));
-    sink.begin(&header("early")).unwrap();
+    let mut sink = begun(&path.with_file_name("early.rrd"), "early");
     sink.scalar(&SPARSE, 1.0);
-    assert_eq!(sink.tick(Tick { k: 0, dt_s: DT_S }).unwrap_err().cause, "test/sparse is shown before the first tick");
+    assert_eq!(sink.tick(tick(0)).unwrap_err().cause, "test/sparse is shown before the first tick");
 }
 
 #[test]
 fn a_dropped_sink_leaves_what_was_heard() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("run.rrd");
-    let mut sink = create(&path);
-    sink.begin(&header("dropped")).unwrap();
+    let (_folder, path) = fresh();
+    let mut sink = begun(&path, "dropped");
     play(&mut sink, 333).unwrap();
     drop(sink);
     let recording = read(&path).unwrap();
@@ -367,60 +318,10 @@ fn a_dropped_sink_leaves_what_was_heard() {
 #[cfg(target_os = "linux")]
 #[test]
 fn a_full_disk_is_reported() {
-    let mut sink =
-        RerunSink::create(Path::new("/dev/full"), Options { overwrite: true, ..Default::default() }).unwrap();
+    let mut sink = RerunSink::create(Path::new("/dev/full"), Options { overwrite: true, ..options() }).unwrap();
     // The disk may be heard to be full at any call, and must be at the last.
     let played = sink.begin(&header("full")).and_then(|()| play(&mut sink, 2000));
     let finished = sink.finish(&Properties::new());
     let error = played.and(finished).unwrap_err();
     assert!(error.to_string().contains("/dev/full: ") && error.to_string().contains("No space left"), "{error}");
-}
-
-#[test]
-fn a_truncated_file_gives_what_there_is() {
-    let folder = tempfile::tempdir().unwrap();
-    let whole = record(&folder.path().join("whole.rrd"), 600);
-    let bytes = fs::read(folder.path().join("whole.rrd")).unwrap();
-    let path = folder.path().join("cut.rrd");
-    let mut some = 0;
-    // Every few thousand bytes, and each of the last ones: message boundaries are nowhere in particular.
-    let places = (0..bytes.len()).step_by(bytes.len() / 40 + 1).chain(bytes.len() - 40..bytes.len());
-    for length in places {
-        fs::write(&path, &bytes[..length]).unwrap();
-        if length < 12 {
-            assert!(matches!(read(&path), Err(ReadError::Empty { .. })));
-            continue;
-        }
-        let cut = read(&path).unwrap();
-        assert!(!cut.complete, "{length}");
-        for (name, columns) in &cut.signals {
-            let all = &whole.signals[name];
-            let n = columns.values.len();
-            assert_eq!(columns.values, all.values[..n], "{name} at {length}");
-            some += n;
-        }
-    }
-    assert!(some > 0);
-    fs::write(&path, &bytes).unwrap();
-    assert_eq!(read(&path).unwrap(), whole);
-}
-
-#[test]
-fn a_damaged_file_never_counts_as_complete_when_its_end_is_gone() {
-    let folder = tempfile::tempdir().unwrap();
-    record(&folder.path().join("whole.rrd"), 300);
-    let bytes = fs::read(folder.path().join("whole.rrd")).unwrap();
-    let path = folder.path().join("damaged.rrd");
-    for place in (0..bytes.len()).step_by(bytes.len() / 40 + 1) {
-        let mut damaged = bytes.clone();
-        let end = damaged.len().min(place + 64);
-        damaged[place..end].fill(0);
-        fs::write(&path, &damaged).unwrap();
-        // Whatever it is, it is not a panic.
-        drop(read(&path));
-    }
-    for extra in [&b"x"[..], &[0; 64]] {
-        fs::write(&path, [&bytes[..], extra].concat()).unwrap();
-        assert!(!read(&path).unwrap().complete);
-    }
 }
