@@ -34,13 +34,10 @@ fn over_a_network(trial: &ResolvedTrial, ticks: u64) -> RecordedRun {
         keeper.tick(tick).expect("in memory");
         twin.digest(tick, &mut probe).expect("is finite");
         twin.observe(&mut keeper);
-        let before: Vec<u64> = k.checked_sub(1).into_iter().collect();
-        let mut used = [json!({}), json!({"plant/measurements": [k]}), json!({"estimator/nav": [k]}), json!({})];
-        used[3] = json!({"estimator/nav": [k], "guidance/reference": [k]});
-        for at in [0, 1, 3] {
-            if !before.is_empty() {
-                used[at]["controller/thrust"] = json!(before);
-            }
+        let of_controller = json!({"estimator/nav": [k], "guidance/reference": [k]});
+        let mut used = [json!({}), json!({"plant/measurements": [k]}), json!({"estimator/nav": [k]}), of_controller];
+        for at in [0, 1, 3].into_iter().filter(|_| k > 0) {
+            used[at]["controller/thrust"] = json!([k - 1]);
         }
         for ((service, used), digest) in RING.iter().zip(used).zip(twin.digests) {
             let account = json!({

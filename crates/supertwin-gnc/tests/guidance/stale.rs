@@ -115,26 +115,26 @@ impl Follower {
 
 #[test]
 fn no_reference_jumps_at_any_mode_change_of_a_scripted_run() {
+    use Setpoint::{Constant, Ramp};
     let mut bench = Bench::new(Mode::DepthHeadingHold);
     let mut vehicle = Follower::new();
     let mut last: Option<Reference> = None;
     let mut seen = Vec::new();
+    let script = [
+        (1, GuidanceCommand::DepthM(Constant(3.5))),
+        (1000, GuidanceCommand::Mode(Mode::FollowNet)),
+        (2500, GuidanceCommand::Direction(Direction::Port)),
+        (3500, GuidanceCommand::SpeedMPerS(Constant(0.5))),
+        (4000, GuidanceCommand::NetDistanceM(Constant(2.0))),
+        // 5000 to 6000: no net. 7000 to 8000: no operator.
+        (8500, GuidanceCommand::DepthM(Ramp { to: 8.0, over_s: 20.0 })),
+        (9000, GuidanceCommand::Mode(Mode::DepthHeadingHold)),
+        (9500, GuidanceCommand::HeadingRad(Constant(-2.9))),
+        (10_200, GuidanceCommand::HeadingRad(Constant(2.9))),
+        (11_000, GuidanceCommand::Mode(Mode::FollowNet)),
+    ];
     for k in 0..12_000 {
-        let command = match k {
-            1 => Some(GuidanceCommand::DepthM(Setpoint::Constant(3.5))),
-            1000 => Some(GuidanceCommand::Mode(Mode::FollowNet)),
-            2500 => Some(GuidanceCommand::Direction(Direction::Port)),
-            3500 => Some(GuidanceCommand::SpeedMPerS(Setpoint::Constant(0.5))),
-            4000 => Some(GuidanceCommand::NetDistanceM(Setpoint::Constant(2.0))),
-            // 5000 to 6000: no net. 7000 to 8000: no operator.
-            8500 => Some(GuidanceCommand::DepthM(Setpoint::Ramp { to: 8.0, over_s: 20.0 })),
-            9000 => Some(GuidanceCommand::Mode(Mode::DepthHeadingHold)),
-            9500 => Some(GuidanceCommand::HeadingRad(Setpoint::Constant(-2.9))),
-            10_200 => Some(GuidanceCommand::HeadingRad(Setpoint::Constant(2.9))),
-            11_000 => Some(GuidanceCommand::Mode(Mode::FollowNet)),
-            _ => None,
-        };
-        command.into_iter().for_each(|command| bench.ask(command));
+        script.iter().filter(|(at, _)| *at == k).for_each(|(_, command)| bench.ask(command.clone()));
         vehicle.nav.net.valid = !(5000..6000).contains(&k);
         let operator = if (7000..8000).contains(&k) { OperatorLink::Lost } else { OperatorLink::Present };
         let reference = bench.step_with(Input::Fresh(&vehicle.nav), operator);
