@@ -185,12 +185,12 @@ impl Bench {
 
     fn new(mode: Mode) -> Self {
         let mut bench = Self::idle();
-        bench.ask(GuidanceCommand::Mode(mode));
+        bench.ask(&GuidanceCommand::Mode(mode));
         bench
     }
 
-    fn ask(&mut self, command: GuidanceCommand) {
-        self.guidance.command(tick(self.k), &command).expect("obeyed");
+    fn ask(&mut self, command: &GuidanceCommand) {
+        self.guidance.command(tick(self.k), command).expect("obeyed");
     }
 
     fn step_with(&mut self, nav: Input<&Nav>, operator: OperatorLink) -> Reference {
@@ -205,8 +205,7 @@ impl Bench {
 
     /// Steps on fresh, constant navigation; the last reference.
     fn run(&mut self, ticks: u64, nav: &Nav) -> Reference {
-        (1..ticks).for_each(|_| drop(self.step(nav)));
-        self.step(nav)
+        (1..ticks).fold(self.step(nav), |_, _| self.step(nav))
     }
 
     fn reason(&self) -> Reason {
@@ -249,7 +248,7 @@ fn neutral_keeps_the_references_on_the_vehicle() {
     // From there into hold: no step in depth or heading.
     let here = nav(4.2, -2.2);
     bench.step(&here);
-    bench.ask(GuidanceCommand::Mode(Mode::DepthHeadingHold));
+    bench.ask(&GuidanceCommand::Mode(Mode::DepthHeadingHold));
     let reference = bench.run(500, &here);
     assert_eq!((reference.depth_m, reference.heading_rad), (4.2, -2.2));
 }
@@ -258,8 +257,8 @@ fn neutral_keeps_the_references_on_the_vehicle() {
 fn hold_goes_to_its_set_points_at_rest_in_surge_and_sway() {
     let mut bench = Bench::new(Mode::DepthHeadingHold);
     bench.step(&nav(1.5, 0.2));
-    bench.ask(GuidanceCommand::DepthM(Setpoint::Constant(3.5)));
-    bench.ask(GuidanceCommand::HeadingRad(Setpoint::Constant(-0.4)));
+    bench.ask(&GuidanceCommand::DepthM(Setpoint::Constant(3.5)));
+    bench.ask(&GuidanceCommand::HeadingRad(Setpoint::Constant(-0.4)));
     let reference = bench.run(2000, &nav(1.5, 0.2));
     assert!((reference.depth_m - 3.5).abs() < 1e-4 && (reference.heading_rad + 0.4).abs() < 1e-6, "{reference:?}");
     assert_eq!((reference.surge_m_per_s, reference.sway_m_per_s, reference.speed_m_per_s), (0.0, 0.0, 0.0));
@@ -273,7 +272,7 @@ fn following_the_net_faces_it_and_travels_by_line_of_sight() {
     let here = nav(2.0, 0.5);
     let angle = 0.2f64.atan();
     for (direction, side) in [(None, 1.0), (Some(Direction::Port), -1.0)] {
-        direction.into_iter().for_each(|to| bench.ask(GuidanceCommand::Direction(to)));
+        direction.into_iter().for_each(|to| bench.ask(&GuidanceCommand::Direction(to)));
         let reference = bench.run(1500, &here);
         assert_eq!(reference.mode, Mode::FollowNet);
         assert!((reference.surge_m_per_s - 0.2 * angle.sin()).abs() < 1e-6, "towards the net: {reference:?}");
@@ -289,7 +288,7 @@ fn set_points_follow_their_profiles() {
     let here = nav(2.0, 0.0);
     bench.step(&here);
     // A ramp, from where the set-point is.
-    bench.ask(GuidanceCommand::DepthM(Setpoint::Ramp { to: 5.0, over_s: 30.0 }));
+    bench.ask(&GuidanceCommand::DepthM(Setpoint::Ramp { to: 5.0, over_s: 30.0 }));
     let mut reference = Reference::default();
     for k in 0..1500 {
         reference = bench.step(&here);
@@ -300,8 +299,8 @@ fn set_points_follow_their_profiles() {
     assert!((reference.depth_m_per_s - 0.1).abs() < 1e-4);
     assert!((bench.target()[0] - reference.depth_m - 0.1 * 2.0 / 0.6).abs() < 5e-3, "{}", reference.depth_m);
     // A sine about the depth, and another in heading across the seam.
-    bench.ask(GuidanceCommand::DepthM(Setpoint::Sine { mean: 5.0, amplitude: 0.5, period_s: 20.0 }));
-    bench.ask(GuidanceCommand::HeadingRad(Setpoint::Sine { mean: PI, amplitude: 0.3, period_s: 30.0 }));
+    bench.ask(&GuidanceCommand::DepthM(Setpoint::Sine { mean: 5.0, amplitude: 0.5, period_s: 20.0 }));
+    bench.ask(&GuidanceCommand::HeadingRad(Setpoint::Sine { mean: PI, amplitude: 0.3, period_s: 30.0 }));
     for k in 0..3000 {
         bench.step(&here);
         let elapsed_s = f64::from(k) * H_S;
@@ -310,10 +309,10 @@ fn set_points_follow_their_profiles() {
         assert!((heading_rad - PI - 0.3 * (PI * elapsed_s / 15.0).sin()).abs() < 1e-9);
     }
     // Distance and speed along the net.
-    bench.ask(GuidanceCommand::Mode(Mode::FollowNet));
-    bench.ask(GuidanceCommand::NetDistanceM(Setpoint::Ramp { to: 2.0, over_s: 10.0 }));
-    bench.ask(GuidanceCommand::SpeedMPerS(Setpoint::Ramp { to: 0.4, over_s: 10.0 }));
-    bench.ask(GuidanceCommand::Direction(Direction::Port));
+    bench.ask(&GuidanceCommand::Mode(Mode::FollowNet));
+    bench.ask(&GuidanceCommand::NetDistanceM(Setpoint::Ramp { to: 2.0, over_s: 10.0 }));
+    bench.ask(&GuidanceCommand::SpeedMPerS(Setpoint::Ramp { to: 0.4, over_s: 10.0 }));
+    bench.ask(&GuidanceCommand::Direction(Direction::Port));
     let reference = bench.run(251, &here);
     assert!((reference.net_distance_m - 2.5).abs() < 1e-9 && (reference.speed_m_per_s + 0.3).abs() < 1e-9);
 }

@@ -12,7 +12,7 @@ use supertwin_gnc::guidance::Reason;
 fn stale_navigation_stops_the_reference_where_it_is() {
     for held in [true, false] {
         let mut bench = Bench::new(Mode::FollowNet);
-        bench.ask(GuidanceCommand::DepthM(Setpoint::Constant(6.0)));
+        bench.ask(&GuidanceCommand::DepthM(Setpoint::Constant(6.0)));
         let here = nav(2.0, 0.0);
         let last = bench.run(100, &here);
         assert!(last.depth_m_per_s > 0.1 && last.sway_m_per_s > 0.05, "everything is moving");
@@ -56,7 +56,7 @@ fn without_an_operator_the_vehicle_holds_depth_and_heading() {
     // Back in command, it takes up what was commanded.
     assert_eq!(bench.step(&here).mode, Mode::FollowNet);
     // Neutral stays neutral.
-    bench.ask(GuidanceCommand::Mode(Mode::Neutral));
+    bench.ask(&GuidanceCommand::Mode(Mode::Neutral));
     assert_eq!(lost(&mut bench).mode, Mode::Neutral);
 }
 
@@ -134,7 +134,7 @@ fn no_reference_jumps_at_any_mode_change_of_a_scripted_run() {
         (11_000, GuidanceCommand::Mode(Mode::FollowNet)),
     ];
     for k in 0..12_000 {
-        script.iter().filter(|(at, _)| *at == k).for_each(|(_, command)| bench.ask(command.clone()));
+        script.iter().filter(|(at, _)| *at == k).for_each(|(_, command)| bench.ask(command));
         vehicle.nav.net.valid = !(5000..6000).contains(&k);
         let operator = if (7000..8000).contains(&k) { OperatorLink::Lost } else { OperatorLink::Present };
         let reference = bench.step_with(Input::Fresh(&vehicle.nav), operator);
@@ -178,7 +178,7 @@ fn line_of_sight_brings_a_perfect_vehicle_to_its_distance_both_ways() {
     for direction in [Direction::Starboard, Direction::Port] {
         let mut bench = Bench::new(Mode::FollowNet);
         let mut vehicle = Follower::new();
-        bench.ask(GuidanceCommand::Direction(direction));
+        bench.ask(&GuidanceCommand::Direction(direction));
         for _ in 0..5000 {
             let reference = bench.step(&vehicle.nav);
             vehicle.follow(&reference);
@@ -195,9 +195,9 @@ fn line_of_sight_brings_a_perfect_vehicle_to_its_distance_both_ways() {
 fn a_second_hold_begins_where_the_vehicle_is_unless_somebody_asked() {
     let mut bench = Bench::new(Mode::DepthHeadingHold);
     bench.run(10, &nav(2.0, 0.2));
-    bench.ask(GuidanceCommand::Mode(Mode::Neutral));
+    bench.ask(&GuidanceCommand::Mode(Mode::Neutral));
     bench.run(100, &nav(5.0, 1.5));
-    bench.ask(GuidanceCommand::Mode(Mode::DepthHeadingHold));
+    bench.ask(&GuidanceCommand::Mode(Mode::DepthHeadingHold));
     let reference = bench.run(2000, &nav(5.0, 1.5));
     assert_eq!((reference.depth_m, reference.heading_rad), (5.0, 1.5));
 }
@@ -205,7 +205,7 @@ fn a_second_hold_begins_where_the_vehicle_is_unless_somebody_asked() {
 #[test]
 fn a_ramp_that_is_asked_for_before_the_first_navigation_begins_at_the_vehicle() {
     let mut bench = Bench::new(Mode::DepthHeadingHold);
-    bench.ask(GuidanceCommand::DepthM(Setpoint::Ramp { to: 5.0, over_s: 30.0 }));
+    bench.ask(&GuidanceCommand::DepthM(Setpoint::Ramp { to: 5.0, over_s: 30.0 }));
     for _ in 0..1500 {
         let reference = bench.step(&nav(2.0, 0.2));
         assert!(reference.depth_m >= 2.0 - 1e-9, "never shallower than where it began: {}", reference.depth_m);
