@@ -10,7 +10,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
-use std::sync::OnceLock;
+use std::sync::LazyLock;
 use supertwin_core::block::SERVICES;
 use supertwin_core::message::{Message, Nav, Thrust};
 use supertwin_core::run::{Properties, Scene, ThrusterPlace};
@@ -68,18 +68,15 @@ fn folder() -> PathBuf {
 }
 
 /// Recordings of the trials, made once.
-fn recordings() -> &'static BTreeMap<&'static str, (PathBuf, Recording)> {
-    static MADE: OnceLock<BTreeMap<&str, (PathBuf, Recording)>> = OnceLock::new();
-    MADE.get_or_init(|| {
-        let library = Library::new(CONFIG, Vec::new());
-        let made = |name: &'static str| {
-            let path = record(&library, name, None, name);
-            let recording = read(&path).unwrap();
-            (name, (path, recording))
-        };
-        TRIALS.map(made).into()
-    })
-}
+static RECORDINGS: LazyLock<BTreeMap<&str, (PathBuf, Recording)>> = LazyLock::new(|| {
+    let library = Library::new(CONFIG, Vec::new());
+    let made = |name: &'static str| {
+        let path = record(&library, name, None, name);
+        let recording = read(&path).unwrap();
+        (name, (path, recording))
+    };
+    TRIALS.map(made).into()
+});
 
 /// Records a trial with a seed, or its own, into a file of this name.
 fn record(library: &Library, trial: &str, seed: Option<u64>, name: &str) -> PathBuf {
@@ -102,58 +99,52 @@ fn about(recording: &Recording) -> About {
 }
 
 /// The accounts of the services and of the recorder.
-fn link_signals() -> &'static [&'static Signal] {
-    static MADE: OnceLock<Vec<&Signal>> = OnceLock::new();
-    MADE.get_or_init(|| {
-        const WIRES: &[&str] = &[Nav::KEY, Thrust::KEY];
-        use link::{AGE, DEADLINE, MISSING, RATE, REFUSED, STEP_TIME, TRANSPORT};
-        let one = |account: &Account, service: &str| -> &'static Signal {
-            let per_wire = [&AGE, &TRANSPORT, &MISSING].map(|account| account.name);
-            let components = if per_wire.contains(&account.name) { WIRES } else { account.components };
-            let path: &str = Box::leak(account.path(service).into_boxed_str());
-            let units = Box::leak(Box::new([account.unit]));
-            Box::leak(Box::new(Signal { path, components, units, about: account.about }))
-        };
-        let of_each = [&STEP_TIME, &RATE, &DEADLINE, &REFUSED, &AGE, &TRANSPORT, &MISSING];
-        let all = SERVICES.iter().flat_map(|service| of_each.map(|account| one(account, service)));
-        all.chain([one(&link::LOOP_TIME, SERVICES[0]), &link::GAPS, &link::LAG]).collect()
-    })
-}
+static LINK_SIGNALS: LazyLock<Vec<&Signal>> = LazyLock::new(|| {
+    const WIRES: &[&str] = &[Nav::KEY, Thrust::KEY];
+    use link::{AGE, DEADLINE, MISSING, RATE, REFUSED, STEP_TIME, TRANSPORT};
+    let one = |account: &Account, service: &str| -> &'static Signal {
+        let per_wire = [&AGE, &TRANSPORT, &MISSING].map(|account| account.name);
+        let components = if per_wire.contains(&account.name) { WIRES } else { account.components };
+        let path: &str = Box::leak(account.path(service).into_boxed_str());
+        let units = Box::leak(Box::new([account.unit]));
+        Box::leak(Box::new(Signal { path, components, units, about: account.about }))
+    };
+    let of_each = [&STEP_TIME, &RATE, &DEADLINE, &REFUSED, &AGE, &TRANSPORT, &MISSING];
+    let all = SERVICES.iter().flat_map(|service| of_each.map(|account| one(account, service)));
+    all.chain([one(&link::LOOP_TIME, SERVICES[0]), &link::GAPS, &link::LAG]).collect()
+});
 
 /// What the network adds to a recording, once a second, with numbers that are told apart in a picture.
 struct Network;
 
 impl Observe for Network {
     fn observe<P: Probe>(&self, probe: &mut P) {
-        for signal in link_signals() {
+        for signal in LINK_SIGNALS.iter() {
             probe.vector(signal, &(0..signal.width()).map(|i| 10.0 + 5.0 * i as f64).collect::<Vec<_>>());
         }
     }
 }
 
 /// Made once: tests that write one file at a time each would destroy it for the others.
-fn network_recording() -> &'static (PathBuf, Recording) {
-    static MADE: OnceLock<(PathBuf, Recording)> = OnceLock::new();
-    MADE.get_or_init(|| {
-        let path = folder().join("network.rrd");
-        let mut sink = RerunSink::create(&path, overwrite()).unwrap();
-        let properties = Properties::from([
-            ("placement".to_owned(), "up".into()),
-            ("capabilities".to_owned(), "sliding_variable gains adaptive_gains".into()),
-            ("duration_s".to_owned(), 60.0.into()),
-        ]);
-        sink.begin(&RunHeader { name: "network".to_owned(), properties, scene: Scene::default() }).unwrap();
-        for k in 0..3000 {
-            sink.tick(Tick { k, dt_s: 0.02 }).unwrap();
-            if k % 50 == 0 {
-                Network.observe(&mut sink);
-            }
+static NETWORK_RECORDING: LazyLock<(PathBuf, Recording)> = LazyLock::new(|| {
+    let path = folder().join("network.rrd");
+    let mut sink = RerunSink::create(&path, overwrite()).unwrap();
+    let properties = Properties::from([
+        ("placement".to_owned(), "up".into()),
+        ("capabilities".to_owned(), "sliding_variable gains adaptive_gains".into()),
+        ("duration_s".to_owned(), 60.0.into()),
+    ]);
+    sink.begin(&RunHeader { name: "network".to_owned(), properties, scene: Scene::default() }).unwrap();
+    for k in 0..3000 {
+        sink.tick(Tick { k, dt_s: 0.02 }).unwrap();
+        if k % 50 == 0 {
+            Network.observe(&mut sink);
         }
-        sink.finish(&Properties::new()).unwrap();
-        let recording = read(&path).unwrap();
-        (path, recording)
-    })
-}
+    }
+    sink.finish(&Properties::new()).unwrap();
+    let recording = read(&path).unwrap();
+    (path, recording)
+});
 
 /// Paths below `entity`, when it ends in `/**`, or itself.
 fn matches(entity: &str, path: &str) -> bool {
@@ -166,7 +157,7 @@ fn matches(entity: &str, path: &str) -> bool {
 
 #[test]
 fn every_view_finds_what_it_names_in_a_recording_of_its_kind() {
-    for (name, (_, recording)) in recordings() {
+    for (name, (_, recording)) in RECORDINGS.iter() {
         for view in Dashboard::all(&about(recording)).views() {
             for entity in &view.entities {
                 assert!(recording.rows.keys().any(|path| matches(entity, path)), "{name}: {}: {entity}", view.name);
@@ -178,7 +169,7 @@ fn every_view_finds_what_it_names_in_a_recording_of_its_kind() {
             }
         }
     }
-    let (_, recording) = network_recording();
+    let (_, recording) = &*NETWORK_RECORDING;
     for view in Dashboard::named("link", &about(recording)).unwrap().views() {
         for entity in &view.entities {
             assert!(recording.rows.contains_key(entity.trim_start_matches('/')), "{}: {entity}", view.name);
@@ -191,7 +182,7 @@ fn every_signal_is_in_a_dashboard_or_has_a_reason_not_to_be() {
     let reasons: BTreeSet<&str> =
         NOT_SHOWN.iter().flat_map(|(_, signals)| *signals).map(|signal| signal.path).collect();
     let mut needed = BTreeSet::new();
-    let all = recordings().iter().map(|(name, made)| (*name, made)).chain([("network", network_recording())]);
+    let all = RECORDINGS.iter().map(|(name, made)| (*name, made)).chain([("network", &*NETWORK_RECORDING)]);
     for (name, (_, recording)) in all {
         let dashboard = Dashboard::all(&about(recording));
         for path in recording.signals.keys().chain(recording.labels.keys()) {
@@ -209,8 +200,8 @@ fn every_signal_is_in_a_dashboard_or_has_a_reason_not_to_be() {
 #[test]
 fn only_recordings_over_the_network_have_a_tab_for_it() {
     let has_link = |about: &About| Dashboard::all(about).views().iter().any(|view| view.name.starts_with("Rate"));
-    assert!(!has_link(&about(&recordings()["paper-pid"].1)));
-    assert!(has_link(&about(&network_recording().1)));
+    assert!(!has_link(&about(&RECORDINGS["paper-pid"].1)));
+    assert!(has_link(&about(&NETWORK_RECORDING.1)));
 }
 
 #[test]
@@ -290,13 +281,13 @@ fn draw(name: &str, recording: &Path, jobs: &[Value], crop: &[&str]) -> Counts {
 }
 
 /// What the script needs to know to draw a dashboard, and the plots that it will look at.
-fn job(name: &str, mut dashboard: Dashboard, like: &Recording) -> (Value, Vec<View>) {
+fn job(name: &str, mut dashboard: Dashboard, colors: impl Fn(&View) -> Vec<[u8; 3]>) -> (Value, Vec<View>) {
     dashboard.mark_plots();
     let has_curves = |view: &&View| !view.curves.is_empty() && !view.behind;
     let plots: Vec<View> = dashboard.views().iter().filter(has_curves).cloned().collect();
+    assert!(!plots.is_empty(), "{name}");
     let plot = |view: &View| {
-        let mut colors: Vec<_> = curves(like, view).iter().map(|curve| curve.color).collect();
-        colors.push(NO_CURVE);
+        let colors = [colors(view), vec![NO_CURVE]].concat();
         json!({ "id": view.id, "mark": view.mark, "share": view.share, "colors": colors })
     };
     let looked_at: Vec<_> = plots.iter().map(plot).collect();
@@ -327,18 +318,18 @@ fn unseen(view: &View, recording: &Recording, pixels: &[u64]) -> Vec<String> {
 #[test]
 fn every_curve_of_every_plot_can_be_seen() {
     let laws = ["paper-gsta", "paper-agsta", "paper-pid"];
-    let recorded = laws.iter().map(|name| (*name, &recordings()[name]));
+    let recorded = laws.iter().map(|name| (*name, &RECORDINGS[name]));
     let mut wrong = Vec::new();
-    for (name, (path, recording)) in recorded.chain([("network", network_recording())]) {
+    for (name, (path, recording)) in recorded.chain([("network", &*NETWORK_RECORDING)]) {
         let about = about(recording);
         // What the network adds stands in a recording of its own.
         let jobs = DASHBOARDS.iter().filter(|described| (described.name == "link") == about.network);
+        let colors = |view: &View| curves(recording, view).iter().map(|curve| curve.color).collect();
         let jobs = jobs.filter_map(|described| {
-            Some(job(&format!("{name}-{}", described.name), described.dashboard(&about)?, recording))
+            Some(job(&format!("{name}-{}", described.name), described.dashboard(&about)?, colors))
         });
         let (jobs, plots): (Vec<Value>, Vec<Vec<View>>) = jobs.unzip();
-        assert!(plots.iter().all(|plots| !plots.is_empty()), "{name}");
-        if !python::can_draw() {
+        if !*python::CAN_DRAW {
             continue;
         }
         let counts = draw(name, path, &jobs, &[]);
@@ -360,10 +351,10 @@ fn every_curve_of_every_plot_can_be_seen() {
 /// Leaves `overview.png` and `tracking.png` as they stand in the README.
 #[test]
 fn the_pictures_of_the_readme_can_be_made() {
-    let (path, recording) = &recordings()["paper-agsta"];
+    let (path, recording) = &RECORDINGS["paper-agsta"];
     let tracking = Dashboard::named("tracking", &about(recording)).unwrap();
     let job = json!({ "name": "tracking", "file": save("tracking", tracking), "plots": [] });
-    if python::can_draw() {
+    if *python::CAN_DRAW {
         draw("overview", path, &[job], &["overview", "tracking"]);
     }
     for picture in ["overview.png", "tracking.png"] {

@@ -35,17 +35,9 @@ fn dependencies(manifest: &Table, section: &str) -> Vec<String> {
 
 /// Rust files below a folder, without build output.
 fn sources(folder: &Path) -> Vec<PathBuf> {
-    let mut found = Vec::new();
-    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
-        let path = entry.path();
-        if path.is_dir() && path.file_name().is_some_and(|name| name != "target") {
-            found.extend(sources(&path));
-        } else if path.extension().is_some_and(|extension| extension == "rs") {
-            found.push(path);
-        }
-    }
-    found.sort();
-    found
+    let all = glob::glob(&format!("{}/**/*.rs", folder.display())).unwrap().flatten();
+    let is_ours = |path: &PathBuf| path.strip_prefix(folder).unwrap().iter().all(|part| part != "target");
+    all.filter(is_ours).collect()
 }
 
 /// The files of the crates and of the top-level tests, each with its text.

@@ -1,8 +1,8 @@
 //! The dashboard of a comparison, in pictures.
 
-use super::{LEAST, NO_CURVE, draw, folder, record, recordings, save};
+use super::{LEAST, RECORDINGS, draw, folder, job, record};
 use crate::support::{CONFIG, python};
-use serde_json::json;
+use serde_json::Value;
 use std::path::{Path, PathBuf};
 use supertwin_core::Property;
 use supertwin_lab::statistics::{mean, standard_deviation};
@@ -63,29 +63,17 @@ fn colors(view: &View) -> Vec<[u8; 3]> {
 
 /// Draws every tab of a comparison to `<name>-<tab>.png`, and says which curves can't be seen.
 fn look(name: &str, path: &Path, merged: &Merged) -> Vec<String> {
-    let mut jobs = Vec::new();
-    let mut plots = Vec::new();
-    for tab in &TABS {
-        let tab = tab.name;
-        let mut dashboard = Dashboard::compare(&merged.compared, Some(tab));
-        dashboard.mark_plots();
-        let of_tab: Vec<View> = dashboard.views().iter().filter(|view| !view.curves.is_empty()).cloned().collect();
-        assert!(!of_tab.is_empty(), "{name}: {tab}");
-        let plot = |view: &View| {
-            let colors = [colors(view), vec![NO_CURVE]].concat();
-            json!({ "id": view.id, "mark": view.mark, "share": view.share, "colors": colors })
-        };
-        let looked_at: Vec<_> = of_tab.iter().map(plot).collect();
-        let tab = format!("{name}-{}", tab.replace(' ', "-"));
-        jobs.push(json!({ "name": tab, "file": save(&tab, dashboard), "plots": looked_at }));
-        plots.extend(of_tab);
-    }
-    if !python::can_draw() {
+    let tabs = TABS.iter().map(|tab| {
+        let dashboard = Dashboard::compare(&merged.compared, Some(tab.name));
+        job(&format!("{name}-{}", tab.name.replace(' ', "-")), dashboard, colors)
+    });
+    let (jobs, plots): (Vec<Value>, Vec<Vec<View>>) = tabs.unzip();
+    if !*python::CAN_DRAW {
         return Vec::new();
     }
     let counts = draw(name, path, &jobs, &[]);
     let mut wrong = Vec::new();
-    for view in &plots {
+    for view in plots.iter().flatten() {
         let (none, of_curves) = counts[&view.id].split_last().unwrap();
         for (curves, pixels) in view.curves.iter().zip(of_curves).filter(|(_, pixels)| **pixels < LEAST) {
             wrong.push(format!("{name}: {}: {} has {pixels} pixels", view.name, curves.entity));
@@ -100,7 +88,7 @@ fn look(name: &str, path: &Path, merged: &Merged) -> Vec<String> {
 #[test]
 fn a_comparison_shows_who_is_better_where() {
     let laws = ["paper-gsta", "paper-agsta", "paper-pid"];
-    let one = |law| (law, vec![recordings()[law].0.as_path()]);
+    let one = |law| (law, vec![RECORDINGS[law].0.as_path()]);
     let (path, merged) = compare("compare-one", &laws.map(one));
     assert_eq!((merged.runs, merged.every_ticks, merged.compared.several), (3, 1, false));
     let mut wrong = look("compare-one", &path, &merged);

@@ -6,7 +6,7 @@ use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
-use std::sync::OnceLock;
+use std::sync::LazyLock;
 
 /// Rerun of the same version as the crate that writes the files, with data frames; the readers of MCAP files and of JSON
 /// Schema.
@@ -78,15 +78,12 @@ print(count.value)
 ";
 
 /// Whether the viewer can draw pictures here; says so on the terminal when it can't.
-pub fn can_draw() -> bool {
-    static DEVICES_HERE: OnceLock<bool> = OnceLock::new();
-    *DEVICES_HERE.get_or_init(|| {
-        let can = say(Path::new("/"), DEVICES, &[]).trim() != "0";
-        if !can {
-            let text = "pictures are not checked: there is no Vulkan driver (Debian: mesa-vulkan-drivers, libvulkan1)";
-            #[expect(clippy::explicit_write, reason = "the harness would keep what a test that passes prints")]
-            writeln!(std::io::stderr(), "{text}").unwrap();
-        }
-        can
-    })
-}
+pub static CAN_DRAW: LazyLock<bool> = LazyLock::new(|| {
+    let can = say(Path::new("/"), DEVICES, &[]).trim() != "0";
+    if !can {
+        let text = "pictures are not checked: there is no Vulkan driver (Debian: mesa-vulkan-drivers, libvulkan1)";
+        #[expect(clippy::explicit_write, reason = "the harness would keep what a test that passes prints")]
+        writeln!(std::io::stderr(), "{text}").unwrap();
+    }
+    can
+});
