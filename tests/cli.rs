@@ -147,13 +147,8 @@ fn check_prints_what_was_understood_with_units() {
 }
 
 #[test]
-fn help_has_examples_and_a_closed_pipe_is_no_error() {
-    let place = Place::new();
-    for verb in ["run", "check", "sweep"] {
-        let help = place.call(&[verb, "--help"]).out;
-        assert!(help.contains("Examples:") && help.contains("Exit status"), "{help}");
-    }
-    let done = place.shell("supertwin check | head -1");
+fn a_closed_pipe_is_no_error() {
+    let done = Place::new().shell("supertwin check | head -1");
     assert!(!done.err.contains("panicked"), "{}", done.err);
     assert_eq!(done.out.lines().count(), 1);
 }

@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used, reason = "a test that can not go on has failed")]
 
 use crate::support::page::{BOOK, check, head, row};
-use crate::support::{Place, console};
+use crate::support::{Place, assert_says, console};
 use serde_json::Value;
 use std::collections::BTreeSet;
 use std::fmt::Write;
@@ -100,6 +100,9 @@ fn help(place: &Place, verbs: &[&str], text: &mut String) {
     let title = [&["supertwin"][..], verbs].concat().join(" ");
     let _ = write!(text, "\n{} {title}\n\n```text\n{}\n```\n", "#".repeat(1 + verbs.len().max(1)), said.trim_end());
     let (_, listed) = said.split_once("\nCommands:\n").unwrap_or_default();
+    if listed.is_empty() {
+        assert_says(&said, &["Examples:", "Exit status", "--json"]);
+    }
     // A line that is indented further goes on with the verb above it.
     let lines = listed.lines().take_while(|line| !line.is_empty()).filter(|line| !line.starts_with("   "));
     for name in lines.filter_map(|line| line.split_whitespace().next()).filter(|name| *name != "help") {

@@ -146,10 +146,10 @@ fn guidance_topside_of_a_cut_tether_the_vehicle_brakes_and_holds_by_itself() {
     let proxy = cable.is_none().then(|| Proxy::before(&vehicle.tcp));
     let endpoint = proxy.as_ref().map_or(vehicle.tcp.clone(), Proxy::endpoint);
     vehicle.serve_at("guidance", &endpoint, topside);
-    let plug = |plugged: bool| match (&cable, &proxy) {
-        (Some(cable), _) => cable.plug(plugged),
-        (None, Some(proxy)) => proxy.cut(!plugged),
-        (None, None) => unreachable!("one of the two carries the tether"),
+    let plug = |plugged: bool| {
+        // One of the two carries the tether.
+        cable.iter().for_each(|cable| cable.plug(plugged));
+        proxy.iter().for_each(|proxy| proxy.cut(!plugged));
     };
     let far = ["--json", "--vehicle", ROV, "--connect", &endpoint];
     let call = |words: &[&str]| vehicle.place.start_in(topside, &[words, &far].concat());
@@ -286,11 +286,7 @@ fn verify_says_yes_to_the_ring_and_a_service_that_comes_later_ends_a_lock_step_r
 
     let trial = following(place.path());
     let (_router, _) = router(&place, None, "127.0.0.1", &[]);
-    let start = |service: &str| {
-        let words =
-            ["serve", service, "--pace", "lockstep", "--trial", &trial, "--vehicle", ROV, "--connect", &place.socket];
-        place.start(&words)
-    };
+    let start = |service: &str| place.serve_rov(service, &trial, &place.socket, &["--pace", "lockstep"]);
     let beside = Listener::open(&place.socket, ROV).listen("plant/measurements");
     let mut services: Vec<Process> = ["plant", "estimator", "guidance", "controller"].map(start).into();
     beside.until("the ring to run", |_, value| value["tick"].as_u64() > Some(20));

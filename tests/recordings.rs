@@ -9,11 +9,6 @@ use std::process::Command;
 use supertwin_core::Property;
 use supertwin_rerun::{Merge, MergedRun, merge, read, read_selected};
 
-/// What a call says that must succeed.
-fn run_well(place: &Place, arguments: &[&str]) -> String {
-    place.call(arguments).well().out
-}
-
 /// A call that must be refused with these words, without a result.
 fn refused(place: &Place, arguments: &[&str], words: &str) -> Ended {
     let done = place.call(arguments).refused(words);
@@ -28,7 +23,7 @@ fn json(place: &Place, arguments: &[&str]) -> Value {
 /// A place with the recordings of a trial, 35 s long.
 fn recorded(trial: &str) -> Place {
     let place = Place::new();
-    run_well(&place, &["run", trial, "--out", ".", "--set", "trial.duration_s=35"]);
+    place.call(&["run", trial, "--out", ".", "--set", "trial.duration_s=35"]).well();
     place
 }
 
@@ -48,7 +43,7 @@ fn show_says_what_is_there_and_that_the_scores_are_right() {
         assert_eq!((&depth["rows"], &depth["missing"]), (&1750.into(), &0.into()));
         assert!((depth["rate_hz"].as_f64().unwrap() - 50.0).abs() < 1e-9);
         assert!(shown["gaps"].as_array().unwrap().is_empty() && !shown["events"].as_array().unwrap().is_empty());
-        let table = run_well(&place, &["show", &file]);
+        let table = place.call(&["show", &file]).well().out;
         let equal = "equal to the run's own in every bit";
         assert_says(&table, &["complete, ticks 0 to 1749", "controller/thrust/requested", "No gaps", equal]);
     }
@@ -62,7 +57,7 @@ fn a_recording_that_was_cut_off_is_shown_repaired_and_exported() {
     fs::write(folder.join("cut.rrd"), &bytes[..3 * bytes.len() / 4]).unwrap();
     let shown = json(&place, &["show", "cut.rrd"]);
     assert_eq!((&shown["complete"], &shown["scores"]["recorded"]), (&false.into(), &false.into()));
-    let table = run_well(&place, &["show", "cut.rrd"]);
+    let table = place.call(&["show", "cut.rrd"]).well().out;
     assert!(table.contains("incomplete") && table.contains("supertwin repair"), "{table}");
 
     let repaired = json(&place, &["repair", "cut.rrd"]);
@@ -78,9 +73,9 @@ fn a_recording_that_was_cut_off_is_shown_repaired_and_exported() {
 
     // Not again over what is there, unless told to; and a whole file is left alone.
     refused(&place, &["repair", "cut.rrd"], "cut.repaired.rrd: exists already; use --force");
-    let again = run_well(&place, &["repair", "cut.rrd", "--force"]);
+    let again = place.call(&["repair", "cut.rrd", "--force"]).well().out;
     assert!(again.contains("signals end before it)") && again.contains("could not be read"), "{again}");
-    let whole = run_well(&place, &["repair", "paper-agsta-seed1.rrd", "--out", "never.rrd"]);
+    let whole = place.call(&["repair", "paper-agsta-seed1.rrd", "--out", "never.rrd"]).well().out;
     assert!(whole.contains("whole; nothing to repair") && !folder.join("never.rrd").exists());
 
     let done = place.call(&["export", "cut.rrd", "--csv", "--signals", "tracking/*"]).well();
@@ -115,7 +110,7 @@ fn export_takes_what_is_asked_for_and_names_what_there_is_not() {
     assert_eq!((&all["rows"], &all["out"]), (&1750.into(), &"paper-pid-seed1.parquet".into()));
     assert!(all["columns"].as_u64().unwrap() > 100);
     let some = ["export", file, "--csv", "--signals", "tracking/*", "--signals", "plant/**"];
-    run_well(&place, &some);
+    place.call(&some).well();
     let written = fs::read_to_string(folder.join("paper-pid-seed1.csv")).unwrap();
     let header = written.lines().next().unwrap();
     assert!(header.contains("tracking/sway:measured") && header.contains("plant/truth/pose:north"), "{header}");
@@ -130,7 +125,7 @@ fn export_takes_what_is_asked_for_and_names_what_there_is_not() {
     let done = refused(&place, &unknown, "trackng/*: nothing recorded fits; there are");
     assert!(done.err.contains("tracking/sway"), "{done:?}");
     refused(&place, &["export", file], "--parquet|--csv|--mcap");
-    let mcap = run_well(&place, &["export", file, "--mcap", "--out", "elsewhere.mcap"]);
+    let mcap = place.call(&["export", file, "--mcap", "--out", "elsewhere.mcap"]).well().out;
     assert!(mcap.contains("elsewhere.mcap: ") && mcap.contains(" messages on "), "{mcap}");
 }
 
@@ -154,7 +149,7 @@ const PAGE: &str = include_str!("../docs/src/how-to/recordings.md");
 #[test]
 fn the_python_program_of_the_book_works_as_it_stands_there() {
     let place = Place::new();
-    run_well(&place, &["run", "paper-agsta", "--set", "trial.duration_s=20"]);
+    place.call(&["run", "paper-agsta", "--set", "trial.duration_s=20"]).well();
     let (_, program) = PAGE.split_once("```python\nfrom rerun").unwrap();
     let program = format!("from rerun{}", program.split_once("```").unwrap().0);
     assert_eq!(program.trim().lines().count(), 5);
@@ -170,7 +165,7 @@ const BROWSE: &str = include_str!("support/browse.py");
 #[test]
 fn a_folder_of_recordings_is_a_table_with_the_properties_as_columns() {
     let place = Place::new();
-    run_well(&place, &["run", "fair", "--seeds", "2", "--set", "trial.duration_s=24"]);
+    place.call(&["run", "fair", "--seeds", "2", "--set", "trial.duration_s=24"]).well();
     let runs = place.path().join("runs/0001");
     assert!(PAGE.contains(BROWSE.trim()), "the book shows another program");
     let printed = python::say(place.path(), BROWSE, &[]);

@@ -29,17 +29,13 @@ fn report(place: &Place, out: &str) -> String {
 }
 
 fn texts(table: &Table, name: &str) -> Vec<Option<String>> {
-    match table.column(name) {
-        Some(Column::Text(values)) => values.clone(),
-        other => panic!("{name}: {other:?}"),
-    }
+    let Some(Column::Text(values)) = table.column(name) else { panic!("{name}: {:?}", table.column(name)) };
+    values.clone()
 }
 
 fn numbers(table: &Table, name: &str) -> Vec<Option<f64>> {
-    match table.column(name) {
-        Some(Column::Number(values)) => values.clone(),
-        other => panic!("{name}: {other:?}"),
-    }
+    let Some(Column::Number(values)) = table.column(name) else { panic!("{name}: {:?}", table.column(name)) };
+    values.clone()
 }
 
 /// Files below a folder, with their content.

@@ -35,11 +35,11 @@ impl Vehicle {
     /// meantime.
     fn health(&self, after: usize) -> Value {
         let mut left = after;
-        let wanted = |key: &str, _: &Value| {
-            left -= usize::from(key == "health/plant");
+        let heard = self.beside.until_on("health/plant", "the plant's health", |_| {
+            left -= 1;
             left == 0
-        };
-        self.beside.until("the plant's health", wanted).0
+        });
+        heard.0
     }
 }
 
