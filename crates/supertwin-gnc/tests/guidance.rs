@@ -318,6 +318,15 @@ fn set_points_follow_their_profiles() {
 }
 
 #[test]
+fn a_vehicle_may_begin_at_its_greatest_speed_and_not_beyond() {
+    let mut config = guidance_config("net-following");
+    config.initial.speed_m_per_s = config.limits.speed_m_per_s.get().try_into().expect("legal");
+    assert_eq!(config.check(), Ok(()));
+    config.initial.speed_m_per_s = (config.limits.speed_m_per_s.get() + 0.01).try_into().expect("legal");
+    assert!(config.check().expect_err("too fast").starts_with("initial.speed_m_per_s = "));
+}
+
+#[test]
 fn set_points_outside_their_limits_are_refused_with_value_and_rule_and_change_nothing() {
     use GuidanceCommand::{DepthM, HeadingRad, NetDistanceM, SpeedMPerS};
     use Setpoint::Constant;

@@ -64,7 +64,12 @@ impl<'a> Lines<'a> {
             }
             for (name, property) in properties {
                 let here = if path.is_empty() { name.clone() } else { format!("{path}.{name}") };
-                self.add(&here, property, property["description"].as_str().unwrap_or_default());
+                let own = property["description"].as_str().unwrap_or_default();
+                // A field of which nothing is said, and what an arm holds, mean what is said of the whole.
+                let target = self.resolve(property);
+                let of_the_whole = target["description"].is_null() || properties.len() == 1;
+                let inherits = own.is_empty() && of_the_whole && target["oneOf"].is_null();
+                self.add(&here, property, if inherits { said } else { own });
             }
             return;
         }

@@ -1,6 +1,6 @@
-//! The controller service: navigation and reference in, thruster commands out; the laws are its rooms.
+//! The controller service: navigation and reference in, thruster commands out. Each control law stands in a file of its own.
 //!
-//! Adding a law: one file beside this one with its [`ControlLaw`], one arm in the list `laws!` below, one parameter file.
+//! Adding a law: one file beside this one with its [`ControlLaw`], one line in the list `laws!` below, one parameter file.
 
 mod agsta;
 #[cfg(feature = "another-law")]

@@ -190,6 +190,15 @@ fn without_the_dvl_the_velocity_is_dead_reckoning_and_its_variance_grows() {
 }
 
 #[test]
+fn before_the_first_step_no_sensor_has_been_seen() {
+    let states =
+        |out: Option<&Nav>| estimator("paper").notices(out).iter().take(4).map(|it| it.state).collect::<Vec<_>>();
+    assert_eq!(states(None), ["lost"; 4]);
+    let (mut warm, k) = warmed_up("paper");
+    assert_eq!(states(Some(&step(&mut warm, k, &[]))), ["found"; 4]);
+}
+
+#[test]
 fn lost_sensors_are_named() {
     let (mut estimator, k) = warmed_up("paper");
     let mut nav = Nav::default();
