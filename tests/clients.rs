@@ -9,15 +9,12 @@ use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::process::Command;
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use supertwin_protocol::lease::LeaseAction;
 use supertwin_zenoh::Client;
 
 const PROGRAMS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/clients");
 /// The same version as our own.
 const ZENOH: &str = "eclipse-zenoh==1.10.2";
-
-/// One twin at a time: each wants the processor for itself.
-static TURN: Mutex<()> = Mutex::new(());
 
 // ----------------------------------------------------------------------------------------------------------- programs
 
@@ -26,21 +23,20 @@ fn python() -> PathBuf {
     environment_with("python-clients", &[ZENOH]).join("bin/python")
 }
 
-/// A twin in a process of its own.
+/// A twin in a process of its own, no faster than real: ticks that are late are not sent, and at five times real time a busy
+/// machine loses so many of them that the vehicle brakes or no longer knows its velocity, as it promises to.
 struct Twin {
     process: Process,
     said: Value,
     place: Place,
-    _turn: MutexGuard<'static, ()>,
 }
 
 impl Twin {
     fn up(more: &[&str]) -> Self {
-        let turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
         let place = Place::new();
         let arguments = ["up", "--no-mission", "--json", "--trial", "external", "--listen", &place.socket];
         let process = place.start(&[&arguments, more].concat());
-        Self { said: process.json(), process, place, _turn: turn }
+        Self { said: process.json(), process, place }
     }
 
     /// One of the programs, connected.
@@ -79,7 +75,18 @@ impl Monitor {
         })
     }
 
-    /// All messages on `key` from now on, for so many seconds of the simulation, as `(simulation time, data)`.
+    /// The next account of each service.
+    fn accounts(&self) -> BTreeMap<String, Value> {
+        let mut accounts = BTreeMap::new();
+        self.until("the accounts of all four", |key, body| {
+            let service = key.strip_prefix("health/").filter(|_| body.is_object())?;
+            accounts.insert(service.to_owned(), body.clone());
+            (accounts.len() == 4).then_some(())
+        });
+        accounts
+    }
+
+    /// All messages on `key` that have not been read yet, for so many seconds of the simulation, as `(simulation time, data)`.
     fn record(&self, key: &str, for_s: f64) -> Vec<(f64, Value)> {
         let (mut found, mut end) = (Vec::new(), None);
         self.until(key, |of, body| {
@@ -121,10 +128,12 @@ fn every_program_explains_itself() {
 
 #[test]
 fn a_depth_is_reached_and_one_beyond_the_limits_is_refused() {
-    let twin = Twin::up(&["--rtf", "5"]);
+    let twin = Twin::up(&[]);
     let truth = twin.listen(&["plant/truth"]);
     let done = twin.client("set_depth", &["3.0"]).finish().well();
     assert!(done.out.contains("\nreached"), "{done:?}");
+    let tick = done.out.split_whitespace().last().unwrap().parse::<u64>().unwrap();
+    truth.until("the tick at which it is there", |_, body| (body["tick"].as_u64()? >= tick).then_some(()));
     let depths = truth.record("plant/truth", 15.0);
     let late = &depths[depths.len() / 2..];
     let depth = mean(late.iter().map(|(_, truth)| number(truth, "depth_m")));
@@ -139,7 +148,7 @@ fn a_depth_is_reached_and_one_beyond_the_limits_is_refused() {
 
 #[test]
 fn the_program_of_the_tutorial_works_as_it_stands_there() {
-    let twin = Twin::up(&["--rtf", "5"]);
+    let twin = Twin::up(&[]);
     let telemetry = twin.listen(&["telemetry/guidance"]);
     let page = include_str!("../docs/src/tutorials/network.md");
     let (_, program) = page.split_once("```python\nimport json, zenoh").unwrap();
@@ -161,7 +170,7 @@ fn the_program_of_the_tutorial_works_as_it_stands_there() {
 
 #[test]
 fn a_mission_goes_along_the_net_and_back_and_ends_at_rest() {
-    let twin = Twin::up(&["--rtf", "5"]);
+    let twin = Twin::up(&[]);
     let truth = twin.listen(&["plant/truth"]);
     let began = truth.record("plant/truth", 0.0)[0].0;
     let done = twin.client("mission", &["--depth", "2.5", "--leg", "20"]).finish().well();
@@ -196,7 +205,7 @@ fn a_mission_goes_along_the_net_and_back_and_ends_at_rest() {
 
 #[test]
 fn a_controller_in_another_language_steers_the_vehicle() {
-    let twin = Twin::up(&["--rtf", "2"]);
+    let twin = Twin::up(&[]);
     let listener = twin.listen(&["plant/truth", "telemetry/controller"]);
     twin.client("set_depth", &["1.8"]).finish().well();
     let outside = |flags: [f64; 4]| {
@@ -232,6 +241,7 @@ fn a_controller_in_another_language_steers_the_vehicle() {
     let pid = twin.client("external_pid", &["--axes", "surge,sway,heave,yaw"]);
     pid.until("it steers", |line| line.contains("steering surge").then_some(()));
     outside([1.0; 4]);
+    anna.lease(LeaseAction::Renew, 60.0).unwrap();
     anna.command("guidance", "depth_m", json!(2.4), None).unwrap();
     let depth = |truth: &Value| number(truth, "depth_m");
     listener.until("the new depth", |key, body| (key == "plant/truth" && depth(&body["data"]) > 2.3).then_some(()));
@@ -259,7 +269,7 @@ fn settings(operator: &Client) -> BTreeMap<String, Value> {
 
 #[test]
 fn hostile_clients_change_nothing_crash_nothing_and_leave_a_trace() {
-    let mut twin = Twin::up(&["--rtf", "1"]);
+    let mut twin = Twin::up(&[]);
     let listener = twin.listen(&["plant/truth", "guidance/reference", "health/*"]);
     let mut anna = twin.operator("anna");
     let token = anna.acquire(60.0).unwrap().token.unwrap();
@@ -274,14 +284,16 @@ fn hostile_clients_change_nothing_crash_nothing_and_leave_a_trace() {
     let begin = reference(apply_tick);
     assert_eq!(begin["mode"], "depth_heading_hold");
     let before = settings(&anna);
+    let quiet = listener.accounts();
 
     // The attacks, while the twin is watched.
-    let done = twin.client("hostile", &["--holder", "anna"]).finish().well();
-    assert_eq!(done.out.lines().count(), 12, "{done:?}");
+    let mut hostile = twin.client("hostile", &["--holder", "anna"]);
     let mut flood = 0;
-    for line in done.out.lines() {
-        let report: Value = serde_json::from_str(line).unwrap();
-        let count = |what: &str| report[what].as_u64().unwrap_or(0);
+    for _ in 0..12 {
+        let report = hostile.json();
+        // However long they take, the holder holds on; in the flood there may be no room for it, and then there is later.
+        drop(anna.lease(LeaseAction::Renew, 60.0));
+        let (line, count) = (report.to_string(), |what: &str| report[what].as_u64().unwrap_or(0));
         assert_eq!(count("granted"), 0, "{line}");
         match report["attack"].as_str().unwrap() {
             // Nobody is there, or a key that nobody serves.
@@ -294,6 +306,7 @@ fn hostile_clients_change_nothing_crash_nothing_and_leave_a_trace() {
             _ => assert_eq!(count("refused"), count("asked"), "{line}"),
         }
     }
+    assert_eq!(hostile.finish().well().out, "");
 
     // The holder is clumsy, too: numbers come again, with the same and with other contents.
     let key = anna.key("command/guidance/net_distance_m");
@@ -325,19 +338,21 @@ fn hostile_clients_change_nothing_crash_nothing_and_leave_a_trace() {
     let depth = mean(truth.iter().map(|(_, truth)| number(truth, "depth_m")));
     assert!((depth - 1.6).abs() < 0.4, "the vehicle is at {depth} m");
 
-    // All four are there and were in time, and each has counted what it refused.
-    let mut health: BTreeMap<String, Value> = BTreeMap::new();
-    listener.until("the health of all four", |key, body| {
-        let service = key.strip_prefix("health/").filter(|_| body.is_object())?;
-        health.insert(service.to_owned(), body.clone());
-        (health.len() == 4).then_some(())
-    });
+    // All four are there, none has lost a tick without counting it, and each has counted what it refused.
+    let health = listener.accounts();
     for (service, health) in &health {
         let count = |what: &str| health[what].as_u64().unwrap();
-        let late = count("deadline_misses") + count("skipped") + count("late_triggers");
-        assert!(count("steps") > 300 && late * 10 < count("steps"), "{service}: {health}");
-        // None of the attack is done within a step: its median is far below a tick.
-        assert!(health["step_us"][0].as_f64() < Some(2000.0), "{service}: {health}");
+        let [ticks, steps, skipped] =
+            ["tick", "steps", "skipped"].map(|what| count(what) - number(&quiet[service], what) as u64);
+        assert!(
+            ticks > 300 && steps > 100 && steps + skipped == ticks,
+            "{service}: {health}, before: {}",
+            quiet[service]
+        );
+        // The owner of time makes all its steps, whether they are in time or late.
+        assert!(service != "plant" || skipped == 0, "{health}");
+        // None of the attack is done within a step: half of them take less than a tick, however busy the machine is.
+        assert!(number(health, "tick_s") * 1e6 > health["step_us"][0].as_f64().unwrap(), "{service}: {health}");
         assert!(count("refused") > 0 && count("not_finite") == 0, "{service}: {health}");
         for (wire, input) in health["inputs"].as_object().unwrap() {
             let traced = input["rejected"].as_u64().unwrap() > 0;
@@ -345,10 +360,11 @@ fn hostile_clients_change_nothing_crash_nothing_and_leave_a_trace() {
             assert!(traced && rivals && input["takeovers"] == 0, "{service} {wire}: {input}");
         }
     }
-    // What was asked in the flood was refused or found no room, as fast as this machine is; either is counted.
+    // What was asked in the flood was refused, as much as the mailbox has room for at the least, or found no room; either is
+    // counted.
     let [refused, no_room] =
         [&health["guidance"]["commands"]["refused"], &health["guidance"]["overflow"][1]].map(|n| n.as_u64().unwrap());
-    assert!(refused > 1000 && (refused + no_room) * 2 > flood, "{flood} asked, {refused} refused, {no_room} no room");
+    assert!(refused > 64 && refused + no_room >= flood, "{flood} asked, {refused} refused, {no_room} no room");
     assert!(health["guidance"]["setpoints"][1].as_u64().unwrap() > 1000, "streams were refused");
     assert!(health["controller"]["refused"].as_u64().unwrap() > 30, "leases were refused");
     assert!(twin.process.is_up());
@@ -378,7 +394,7 @@ fn hostile_clients_change_nothing_crash_nothing_and_leave_a_trace() {
 
 #[test]
 fn a_listener_that_was_cut_off_gets_every_event_once_and_in_order() {
-    let twin = Twin::up(&["--rtf", "1", "--listen", "tcp/127.0.0.1:0"]);
+    let twin = Twin::up(&["--listen", "tcp/127.0.0.1:0"]);
     let tether = Proxy::before(&listening(&twin.said, "tcp"));
     let far = Monitor(twin.client_by(&tether.endpoint(), "monitor", &["--json"]));
     let near = twin.listen(&["health/plant"]);
@@ -397,6 +413,7 @@ fn a_listener_that_was_cut_off_gets_every_event_once_and_in_order() {
         });
     };
     let mut talk = |n: u64| -> u64 {
+        anna.lease(LeaseAction::Renew, 60.0).unwrap();
         for _ in 0..n {
             anna.command("guidance", "speed_m_per_s", json!(0.2), None).unwrap();
         }

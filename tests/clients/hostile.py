@@ -79,7 +79,7 @@ class Attacker:
         """A request; the answers are counted."""
         self.add("asked")
         payload = payload if isinstance(payload, bytes) else json.dumps(payload).encode()
-        for reply in self.vehicle.session.get(f"{root or self.vehicle.root}/{key}", payload=payload, timeout=2.0):
+        for reply in self.vehicle.session.get(f"{root or self.vehicle.root}/{key}", payload=payload, timeout=30.0):
             self.reply(reply)
 
     def insist(self, answer, key, payload):
@@ -93,7 +93,8 @@ class Attacker:
     def put(self, key, payload):
         self.add("put")
         payload = payload if isinstance(payload, bytes) else json.dumps(payload).encode()
-        self.vehicle.session.put(self.vehicle.key(key), payload)
+        # An attack that is lost on its way would be none.
+        self.vehicle.session.put(self.vehicle.key(key), payload, congestion_control=zenoh.CongestionControl.BLOCK)
 
     def request(self, value, **others):
         return {"client": self.holder, "seq": RANDOM.randint(1, U64), "token": "", "value": value, **others}
@@ -192,11 +193,12 @@ class Attacker:
         for seq in [5, 5, 4, 0, U64, U64, 1]:
             self.ask("command/guidance/depth_m", {**body, "seq": seq})
 
-    def paced(self, seconds, per_s, once):
+    def paced(self, times, per_s, once):
         began = time.monotonic()
         done = 0
-        while (elapsed := time.monotonic() - began) < seconds:
-            while done < elapsed * per_s:
+        while done < times:
+            due = (time.monotonic() - began) * per_s
+            while done < min(due, times):
                 once(done)
                 done += 1
             # The pace of the attack, not a wait: what is due is caught up with.
@@ -212,15 +214,16 @@ class Attacker:
             self.add("asked")
             querier.get(unread, payload=payload)
 
-        self.paced(3.0, 10_000, once)
+        self.paced(30_000, 10_000, once)
         # And yet a question that is meant seriously gets its answer, if not at the first try: the service answers so
         # many requests between two ticks and lets the rest go.
-        self.insist("refused", "command/guidance/depth_m", payload)
+        while not self.count.get("refused"):
+            self.ask("command/guidance/depth_m", payload)
 
     def wire_flood(self):
         payload = [b"garbage", json.dumps({"client": "eve", "token": "", "seq": 1, "value": 9.0}).encode()]
         keys = ["plant/measurements", "setpoint/depth_m", "guidance/reference"]
-        self.paced(2.0, 10_000, lambda i: self.put(keys[i % 3], payload[i % 2]))
+        self.paced(20_000, 10_000, lambda i: self.put(keys[i % 3], payload[i % 2]))
 
     # ------------------------------------------- attacks that only an access list of the router can refuse; not by default
 

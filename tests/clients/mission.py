@@ -27,9 +27,13 @@ def main():
                 if done(now):
                     return now
 
-        def wait_for(seconds):
-            end = message(nav.recv())["sim_time_s"] + seconds
-            return wait_until(lambda now: now["sim_time_s"] >= end)
+        def command(**values):
+            """Commands guidance; the first estimate after all of it applies."""
+            tick = max([vehicle.command("guidance", name, value) for name, value in values.items()])
+            return wait_until(lambda now: now["tick"] > tick)
+
+        def travel(since):
+            wait_until(lambda now: now["sim_time_s"] >= since["sim_time_s"] + arguments.leg)
 
         def say(now, words):
             data = now["data"]
@@ -38,23 +42,19 @@ def main():
 
         try:
             vehicle.acquire()
-            vehicle.command("guidance", "mode", "depth_heading_hold")
-            vehicle.command("guidance", "depth_m", arguments.depth)
-            say(message(nav.recv()), f"descending to {arguments.depth} m")
-            now = wait_until(lambda now: abs(now["data"]["depth_m"] - arguments.depth) < 0.2)
+            say(command(mode="depth_heading_hold", depth_m=arguments.depth), f"descending to {arguments.depth} m")
+            wait_until(lambda now: abs(now["data"]["depth_m"] - arguments.depth) < 0.2)
 
-            vehicle.command("guidance", "direction", "starboard")
-            vehicle.command("guidance", "speed_m_per_s", arguments.speed)
-            vehicle.command("guidance", "mode", "follow_net")
-            say(now, "following the net to starboard")
-            now = wait_for(arguments.leg)
+            # Each leg begins with the tick at which its command applies, however long the answer took.
+            leg = command(direction="starboard", speed_m_per_s=arguments.speed, mode="follow_net")
+            say(leg, "following the net to starboard")
+            travel(leg)
 
-            vehicle.command("guidance", "direction", "port")
-            say(now, "turning back to port")
-            now = wait_for(arguments.leg)
+            leg = command(direction="port")
+            say(leg, "turning back to port")
+            travel(leg)
 
-            vehicle.command("guidance", "mode", "depth_heading_hold")
-            say(now, "stopping")
+            say(command(mode="depth_heading_hold"), "stopping")
             # Holding means no velocity relative to the net, which the waves never quite allow.
             still = lambda now: abs(now["data"]["velocity"]["sway_m_per_s"]) < 0.05
             say(wait_until(still), "stopped")
