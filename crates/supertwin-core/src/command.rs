@@ -302,12 +302,7 @@ mod tests {
     }
 
     #[test]
-    fn a_setpoint_outside_its_limits_is_refused_with_value_and_rule() {
-        let refusal = Setpoint::Constant(f64::NAN).check("depth_m", 0.0, 20.0).expect_err("NaN");
-        assert!(refusal.0.contains("NaN") && refusal.0.contains("between 0 and 20"), "{refusal}");
-        assert!(Setpoint::Sine { mean: 1.0, amplitude: 2.0, period_s: 5.0 }.check("d", 0.0, 5.0).is_err());
-        assert!(Setpoint::Ramp { to: 1.0, over_s: 0.0 }.check("d", 0.0, 5.0).is_err());
-        assert!(Setpoint::Ramp { to: 1.0, over_s: 2.0 }.check("d", 0.0, 5.0).is_ok());
+    fn a_setpoint_that_would_become_no_number_is_refused() {
         let hasty = Setpoint::Sine { mean: 1.0, amplitude: 0.5, period_s: 1e-310 };
         let mut trajectory = Trajectory::constant(1.0);
         trajectory.follow(hasty, Tick { k: 0, dt_s: 0.02 });
