@@ -25,6 +25,9 @@ const WIRES: [(&str, usize, &[&str]); 4] = [
     ("thrust", 640, &["plant", "estimator", "controller"]),
 ];
 
+/// How often telemetry is sent, and what that is called.
+const TELEMETRY: [(u64, &str); 2] = [(0, "telemetry off"), (1, "with telemetry")];
+
 fn main() {
     const ALL: [(&str, fn()); 4] = [("lockstep", lock_step), ("realtime", real_time), ("up", up), ("fleet", fleet)];
     let words: Vec<String> = std::env::args().skip(1).filter(|word| word != "--bench").collect();
@@ -42,9 +45,9 @@ fn main() {
 struct Process(Child, BufReader<ChildStdout>);
 
 impl Process {
-    fn start(program: &std::path::Path, words: &[&str]) -> Self {
+    fn start(program: &std::path::Path, words: &str) -> Self {
         let mut child = Command::new(program)
-            .args(words)
+            .args(words.split(' '))
             .env("SUPERTWIN_CONFIG", concat!(env!("CARGO_MANIFEST_DIR"), "/../../config"))
             .stdout(Stdio::piped())
             .spawn()
@@ -53,7 +56,7 @@ impl Process {
         Self(child, stdout)
     }
 
-    fn supertwin(words: &[&str]) -> Self {
+    fn supertwin(words: &str) -> Self {
         let here = std::env::current_exe().unwrap();
         Self::start(&here.parent().unwrap().parent().unwrap().join("supertwin"), words)
     }
@@ -80,7 +83,7 @@ impl Drop for Process {
 }
 
 fn router() -> (Process, String) {
-    let mut router = Process::supertwin(&["serve", "router", "--listen", "tcp/127.0.0.1:0", "--json"]);
+    let mut router = Process::supertwin("serve router --listen tcp/127.0.0.1:0 --json");
     let endpoint = router.line()["listening"][0].as_str().unwrap().to_owned();
     (router, endpoint)
 }
@@ -160,24 +163,21 @@ fn participant(name: &str, endpoint: &str, laps: u64, pace_hz: f64) {
 /// One run of the plain ring.
 fn plain(endpoint: &str, laps: u64, pace_hz: f64) -> Value {
     let here = std::env::current_exe().unwrap();
-    let (laps, pace_hz) = (laps.to_string(), pace_hz.to_string());
-    let start = |name: &str| Process::start(&here, &["participant", name, endpoint, &laps, &pace_hz]);
+    let start = |name: &str| Process::start(&here, &format!("participant {name} {endpoint} {laps} {pace_hz}"));
     let _others = ["controller", "guidance", "estimator"].map(start);
     start("plant").line()
 }
 
 /// One run of ours in lock step; telemetry off.
 fn ours(endpoint: &str, duration_s: f64) -> f64 {
-    let duration = duration_s.to_string();
+    let words = format!("--pace lockstep --telemetry-every 0 --json --connect {endpoint} --duration {duration_s}");
     let start = |service: &str| {
-        let words = ["serve", service, "--pace", "lockstep", "--telemetry-every", "0", "--json", "--connect", endpoint];
-        let mut process = Process::supertwin(&[&words[..], &["--duration", &duration]].concat());
+        let mut process = Process::supertwin(&format!("serve {service} {words}"));
         process.line();
         process
     };
     let _others = ["controller", "guidance", "estimator"].map(start);
-    let result = start("plant").line();
-    result["laps_per_s"].as_f64().unwrap()
+    start("plant").line()["laps_per_s"].as_f64().unwrap()
 }
 
 fn lock_step() {
@@ -200,37 +200,36 @@ fn real_time() {
     let plain = plain(&endpoint, 1000, 50.0);
     let [p50, p99] = ["p50_us", "p99_us"].map(|quantile| plain[quantile].as_f64().unwrap());
     println!("  plain Zenoh   p50 {p50:.0}  p99 {p99:.0}");
-    for telemetry in ["0", "1"] {
+    for (every, telemetry) in TELEMETRY {
         let session = client(&endpoint);
         let health = session.declare_subscriber("supertwin/bench/health/plant").wait().unwrap();
-        let words = format!("--vehicle bench --json --telemetry-every {telemetry} --duration 15 --connect {endpoint}");
-        let words: Vec<&str> = words.split(' ').collect();
-        let start = |service: &str| Process::supertwin(&[&["serve", service][..], &words].concat());
+        let words = format!("--vehicle bench --json --telemetry-every {every} --duration 15 --connect {endpoint}");
+        let start = |service: &str| Process::supertwin(&format!("serve {service} {words}"));
         let _services = ["controller", "guidance", "estimator", "plant"].map(start);
         let mut last = Value::Null;
         while let Ok(Some(sample)) = health.recv_timeout(Duration::from_secs(4)) {
             last = serde_json::from_slice(&sample.payload().to_bytes()).unwrap();
         }
         let [p50, p99] = [0, 1].map(|i| last["loop_us"][i].as_f64().unwrap());
-        let what = if telemetry == "0" { "telemetry off" } else { "with telemetry" };
-        println!("  supertwin     p50 {p50:.0}  p99 {p99:.0}  {what}, {} deadline misses", last["deadline_misses"]);
+        println!(
+            "  supertwin     p50 {p50:.0}  p99 {p99:.0}  {telemetry}, {} deadline misses",
+            last["deadline_misses"]
+        );
     }
 }
 
 fn up() {
     println!("one process in lock step, router inside");
-    for telemetry in ["0", "1"] {
-        let mut rates = Vec::new();
-        for _ in 0..3 {
+    for (every, telemetry) in TELEMETRY {
+        let [a, b, c] = [(); 3].map(|()| {
             let folder = tempfile::tempdir().unwrap();
-            let listen = format!("unixsock-stream/{}", folder.path().join("r.sock").display());
-            let words = ["up", "--pace", "lockstep", "--json", "--listen", &listen, "--telemetry-every", telemetry];
-            let mut process = Process::supertwin(&[&words[..], &["--duration", "600"]].concat());
+            let listen = format!("unixsock-stream/{}/r.sock", folder.path().display());
+            let words = format!("up --pace lockstep --json --listen {listen} --telemetry-every {every} --duration 600");
+            let mut process = Process::supertwin(&words);
             process.line();
-            rates.push(process.line()["laps_per_s"].as_f64().unwrap());
-        }
-        let what = if telemetry == "0" { "telemetry off" } else { "with telemetry" };
-        println!("  {what}: {:.0} {:.0} {:.0} laps/s (asked: 20,000 with telemetry off)", rates[0], rates[1], rates[2]);
+            process.line()["laps_per_s"].as_f64().unwrap()
+        });
+        println!("  {telemetry}: {a:.0} {b:.0} {c:.0} laps/s (asked: 20,000 with telemetry off)");
     }
 }
 
@@ -240,11 +239,8 @@ fn fleet() {
         let (router, endpoint) = router();
         let session = client(&endpoint);
         let health = session.declare_subscriber("supertwin/*/health/plant").wait().unwrap();
-        let names: Vec<String> = (0..count).map(|i| format!("v{i}")).collect();
-        let mut vehicles: Vec<Process> = names
-            .iter()
-            .map(|name| Process::supertwin(&["up", "--json", "--vehicle", name, "--connect", &endpoint]))
-            .collect();
+        let start = |i| Process::supertwin(&format!("up --json --vehicle v{i} --connect {endpoint}"));
+        let mut vehicles: Vec<Process> = (0..count).map(start).collect();
         vehicles.iter_mut().for_each(|vehicle| drop(vehicle.line()));
         let cpu = |vehicles: &[Process]| -> f64 { vehicles.iter().map(Process::cpu_s).sum() };
         let clock = SystemClock::start();
