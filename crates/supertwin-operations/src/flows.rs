@@ -283,12 +283,7 @@ mod tests {
     use super::*;
 
     fn message(at_ms: u64, payload: &str) -> Received {
-        Received {
-            key: "supertwin/a/estimator/nav".to_owned(),
-            payload: payload.as_bytes().to_vec(),
-            gone: false,
-            at: Duration::from_millis(at_ms),
-        }
+        Received { payload: payload.into(), at: Duration::from_millis(at_ms), ..Received::default() }
     }
 
     #[test]

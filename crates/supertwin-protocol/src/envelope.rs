@@ -56,7 +56,7 @@ impl<'a> Envelope<'a, ()> {
 }
 
 /// A sample that was heard.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Received {
     /// Its full key.
     pub key: String,

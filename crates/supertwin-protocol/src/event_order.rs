@@ -104,7 +104,7 @@ mod tests {
 
     fn event(seq: u64) -> Received {
         let payload = format!(r#"{{"source":"a","tick":0,"seq":{seq},"data":{{}}}}"#).into_bytes();
-        Received { key: "event/plant".to_owned(), payload, gone: false, at: Duration::from_secs(seq) }
+        Received { key: "event/plant".to_owned(), payload, at: Duration::from_secs(seq), ..Received::default() }
     }
 
     fn numbers(order: &mut EventOrder) -> Vec<u64> {

@@ -289,7 +289,7 @@ mod tests {
     use supertwin_protocol::SystemClock;
 
     fn received(i: usize) -> Received {
-        Received { key: i.to_string(), payload: Vec::new(), gone: false, at: Duration::ZERO }
+        Received { key: i.to_string(), ..Received::default() }
     }
 
     #[test]

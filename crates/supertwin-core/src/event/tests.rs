@@ -11,9 +11,12 @@ fn every_kind() -> impl Iterator<Item = Value> {
     EVERY_KIND.lines().map(|line| serde_json::from_str(line).unwrap())
 }
 
+fn by_anna(service: &'static str, command: Value, seq: u64) -> EventCommand {
+    EventCommand::new(service, command, Some(CommandSource { client: "anna".to_owned(), seq: Some(seq) }))
+}
+
 fn depth() -> EventCommand {
-    let command = serde_json::to_value(GuidanceCommand::DepthM(Setpoint::Constant(4.5))).unwrap();
-    EventCommand::new("guidance", command, Some(CommandSource { client: "anna".to_owned(), seq: Some(7) }))
+    by_anna("guidance", json!(GuidanceCommand::DepthM(Setpoint::Constant(4.5))), 7)
 }
 
 #[test]
@@ -30,15 +33,7 @@ fn every_kind_has_its_sentence_and_comes_back_as_it_was() {
 fn commands_are_told_by_service_name_and_value() {
     let written: Vec<Value> = every_kind().map(|event| event["what"]["command"].clone()).collect();
     let gain = EventCommand::of_mission(&Command::Plant(PlantCommand::ThrusterGain { thruster: 1, gain: 0.5 }));
-    for command in [
-        gain,
-        depth(),
-        EventCommand::new(
-            "estimator",
-            json!("restart"),
-            Some(CommandSource { client: "anna".to_owned(), seq: Some(8) }),
-        ),
-    ] {
+    for command in [gain, depth(), by_anna("estimator", json!("restart"), 8)] {
         assert!(written.contains(&json!(command)), "{command}");
     }
 }

@@ -185,13 +185,8 @@ mod tests {
     use super::*;
 
     fn facts(controller: &str, config: &str) -> Facts {
-        let text = |text: &str| Property::Text(text.to_owned());
-        let properties = Properties::from([
-            ("trial".to_owned(), text("fair")),
-            ("controller".to_owned(), text(controller)),
-            ("config".to_owned(), text(config)),
-            ("placement".to_owned(), text("batch")),
-        ]);
+        let texts = [("trial", "fair"), ("controller", controller), ("config", config), ("placement", "batch")];
+        let properties: Properties = texts.map(|(name, text)| (name.to_owned(), text.into())).into();
         Facts::new(&properties).expect("all is there")
     }
 
@@ -208,20 +203,15 @@ mod tests {
     fn changes_are_leaves_and_what_one_side_has_alone_is_one_line() {
         let before = facts("gsta", "[controller.law.gsta]\na = 1\nb = 2\n[sea]\nheight_m = 0.6\nmodes = [1, 2]");
         let after = facts("pid", "[controller.law.pid]\nkp = 1\n[sea]\nheight_m = 0.3\nmodes = [1, 3]");
-        let lines: Vec<(String, Option<String>, Option<String>)> =
-            changes(&before, &after).into_iter().map(|change| (change.path, change.baseline, change.here)).collect();
-        let line = |path: &str, before: Option<&str>, after: Option<&str>| {
-            (path.to_owned(), before.map(str::to_owned), after.map(str::to_owned))
-        };
-        assert_eq!(
-            lines,
-            [
-                line("controller.law.gsta", Some("2 values"), None),
-                line("controller.law.pid", None, Some("1 value")),
-                line("sea.height_m", Some("0.6"), Some("0.3")),
-                line("sea.modes.1", Some("2"), Some("3")),
-            ]
-        );
+        let changes = changes(&before, &after);
+        let changes = changes.iter().map(|change| (&*change.path, change.baseline.as_deref(), change.here.as_deref()));
+        let expected = [
+            ("controller.law.gsta", Some("2 values"), None),
+            ("controller.law.pid", None, Some("1 value")),
+            ("sea.height_m", Some("0.6"), Some("0.3")),
+            ("sea.modes.1", Some("2"), Some("3")),
+        ];
+        assert_eq!(changes.collect::<Vec<_>>(), expected);
     }
 
     #[test]

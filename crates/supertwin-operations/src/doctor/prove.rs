@@ -141,20 +141,14 @@ mod tests {
     use super::*;
     use supertwin_protocol::access::Verb;
 
-    fn attempt(allowed: bool, observed: Option<bool>) -> Attempt {
-        Attempt { keys: vec!["clock/ping".to_owned()], verb: Verb::Get, allowed, observed }
-    }
-
     #[test]
     fn only_what_was_tried_can_differ() {
-        let attempts = vec![
-            attempt(true, None),
-            attempt(false, None),
-            attempt(true, Some(true)),
-            attempt(true, Some(false)),
-            attempt(false, Some(true)),
-        ];
-        let proof = Proof { who: "operator.rov".to_owned(), role: Role::Operator, attempts };
+        let attempts = [(true, None), (false, None), (true, Some(true)), (true, Some(false)), (false, Some(true))];
+        let attempts = attempts.map(|(allowed, observed)| {
+            let keys = vec!["clock/ping".to_owned()];
+            Attempt { keys, verb: Verb::Get, allowed, observed }
+        });
+        let proof = Proof { who: "operator.rov".to_owned(), role: Role::Operator, attempts: attempts.into() };
         assert_eq!(proof.differences(), ["may not, and should: get clock/ping", "may, and should not: get clock/ping"]);
         assert_eq!(proof.tried(), 3);
     }

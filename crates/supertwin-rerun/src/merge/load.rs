@@ -27,6 +27,7 @@ const TRUE: usize = tracking::DISTANCE.at("true").index;
 const RMS_EVERY: i64 = 5;
 
 /// What is drawn of one run.
+#[derive(Default)]
 pub(super) struct Loaded {
     /// Signals by path.
     pub(super) signals: BTreeMap<String, Columns>,
@@ -203,13 +204,7 @@ mod tests {
             let values = tick.iter().flat_map(|&tick| [tick as f64, 0.5]).collect();
             Columns { tick, time_ns, values, width: 2, ..Columns::default() }
         };
-        let loaded = || Loaded {
-            signals: BTreeMap::from([("a".to_owned(), columns())]),
-            rms: Default::default(),
-            drawings: Vec::new(),
-            shift: Shift::default(),
-            damage: Vec::new(),
-        };
+        let loaded = || Loaded { signals: [("a".to_owned(), columns())].into(), ..Loaded::default() };
         let (mut once, mut twice) = (loaded(), loaded());
         once.thin(10);
         twice.thin(5);

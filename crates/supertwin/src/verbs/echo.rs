@@ -93,25 +93,20 @@ fn sample_text(sample: &Received) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::time::Duration;
 
-    fn sample(at_ms: u64, payload: &str) -> Received {
-        Received {
-            key: "supertwin/a/estimator/nav".to_owned(),
-            payload: payload.as_bytes().to_vec(),
-            gone: false,
-            at: Duration::from_millis(at_ms),
-        }
+    fn sample(payload: &str) -> Received {
+        let key = "supertwin/a/estimator/nav".to_owned();
+        Received { key, payload: payload.into(), ..Received::default() }
     }
 
     #[test]
     fn samples_are_one_line_whatever_they_are() {
         let event = r#"{"tick":50,"seq":2,"source":"plant-1","sim_time_s":1.0,
             "data":{"tick":50,"service":"plant","severity":"warning","text":"late"}}"#;
-        assert_eq!(sample_text(&sample(0, event)), "     1.00 s  warning  plant: late");
+        assert_eq!(sample_text(&sample(event)), "     1.00 s  warning  plant: late");
         let nav = r#"{"tick":50,"seq":2,"source":"e","data":{"depth_m":1.5}}"#;
-        assert_eq!(sample_text(&sample(0, nav)), r#"estimator/nav  tick 50  seq 2  {"depth_m":1.5}"#);
-        assert_eq!(sample_text(&sample(0, "a\nb")), "estimator/nav  ab");
-        assert_eq!(sample_json(&sample(0, "\u{1}x"))["text"], "\u{1}x");
+        assert_eq!(sample_text(&sample(nav)), r#"estimator/nav  tick 50  seq 2  {"depth_m":1.5}"#);
+        assert_eq!(sample_text(&sample("a\nb")), "estimator/nav  ab");
+        assert_eq!(sample_json(&sample("\u{1}x"))["text"], "\u{1}x");
     }
 }
