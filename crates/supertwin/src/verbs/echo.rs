@@ -17,7 +17,7 @@ use supertwin_protocol::Received;
   supertwin echo 'state/**' --for 10
   supertwin echo 'supertwin/*/health/*'          of all vehicles
 
-Exit status: 0 done or stopped, 1 nothing was sample, 2 the call is wrong or there is no router.")]
+Exit status: 0 done or stopped, 1 nothing was heard, 2 the call is wrong or there is no router.")]
 pub(crate) struct EchoArguments {
     /// Key below the vehicle's, or a full one from supertwin/ on; * is one part, ** any number
     #[arg(value_name = "KEY")]

@@ -15,7 +15,7 @@ use supertwin_operations::flows::{self, KeyRate};
   supertwin hz 'telemetry/*' --for 20
   supertwin hz '**' --json                       everything of the vehicle
 
-Exit status: 0 done, 1 nothing was message, 2 the call is wrong or there is no router, 130 interrupted.")]
+Exit status: 0 done, 1 nothing was heard, 2 the call is wrong or there is no router, 130 interrupted.")]
 pub(crate) struct HzArguments {
     /// Key below the vehicle's, or a full one from supertwin/ on; * is one part, ** any number
     #[arg(value_name = "KEY")]
