@@ -97,7 +97,7 @@ impl Split {
 }
 
 /// Everything that was heard topside is complete, and the vehicle never missed its own services.
-fn nothing_is_lost(split: &Split) {
+fn assert_nothing_is_lost(split: &Split) {
     let mut marked = split.beside.client("marker");
     marked.command("controller", "neutral", json!(true), None).expect("needs no authority");
     let mut events = Events::default();
@@ -130,7 +130,7 @@ fn certificates_of_clients_that_end_close_their_links_and_the_renewed_ones_are_b
     split.until_guidance_is(false);
     split.until_guidance_is(true);
     split.beside.until_status("tracking");
-    nothing_is_lost(&split);
+    assert_nothing_is_lost(&split);
 }
 
 #[test]
@@ -156,7 +156,7 @@ fn a_router_takes_up_its_renewed_certificate_and_one_that_ended_lets_everybody_b
     let taken_up = || split.router.errors().matches("in force until").count();
     split.busy_until("the router to take it up", || taken_up() == 2);
     split.beside.until_status("tracking");
-    nothing_is_lost(&split);
+    assert_nothing_is_lost(&split);
 }
 
 #[test]
